@@ -111,15 +111,6 @@ class Reached:
     value: Fraction
     bound: Fraction | None
 
-    @property
-    def gap(self) -> Fraction | None:
-        """By what share of the bound the value may be above the best possible; None where that is not known."""
-        if self.bound is None:
-            return None
-        if self.value == self.bound:
-            return Fraction(0)
-        return (self.value - self.bound) / abs(self.bound) if self.bound else None
-
     def __str__(self) -> str:
         """Say it in a line."""
         now, before = self._text(self.value), self._text(self.first)
@@ -134,9 +125,9 @@ class Reached:
             proven, best = "" if self.value else "not proven best; ", format_percent(-self.bound, is_bound=True)
             return f"{proven}the best possible is at most {best}"
         best = self._text(self.bound)
-        if self.gap is None:
+        if not self.bound:
             return f"the best possible is at least {best}"
-        percent = -(-self.gap * 1000 // 1)  # rounded up, to a tenth
+        percent = -((self.bound - self.value) * 1000 // self.bound)  # rounded up, to a tenth
         return f"at most {format_rational(Fraction(int(percent), 10))} % above the best possible ({best} or more)"
 
     def _text(self, value: Fraction) -> str:

@@ -257,8 +257,7 @@ class _Builder:
             start = ends[piece - 1] if piece else 0
             begin = start + begun((access.start - bounds[piece]) * growth)
             end = start + self.up((access.end - bounds[piece]) * growth)
-            if height:
-                yield Phase(self.resource_index[access.resource], begin, max(end, begin + 1), height)
+            yield Phase(self.resource_index[access.resource], begin, max(end, begin + 1), height)
 
     def _within_pieces(self, access: Access, bounds: Sequence[Duration]) -> Iterable[Access]:
         """Cut an access to a lock at the split points; what holds it in the gaps is seen by the cost of a table."""

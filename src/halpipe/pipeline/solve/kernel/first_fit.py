@@ -249,8 +249,7 @@ def _before(arrays: Arrays) -> list[dict[int, None]]:
     for task, (first, last) in enumerate(pairwise(arrays.task_option)):
         for other, *_ in arrays.row.rows(arrays.row_first[first], arrays.row_first[last]):
             earlier, later = (other, task) if arrays.task_cyclic[other] else (task, other)
-            if earlier != later:
-                before[later][earlier] = None
+            before[later][earlier] = None
     return before
 
 

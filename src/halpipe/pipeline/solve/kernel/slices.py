@@ -29,7 +29,7 @@ def run(arrays: Arrays, state: State, budget: int, on_slice: OnSlice, kept: Kept
         register[BEST] = total_cost(arrays, state)
         return False
     noise, is_stopped = gumbel_table(), False
-    size = max(1, SLICE_WORK * len(arrays.entry_offset) // (20 * max(1, len(arrays.job_task))))
+    size = max(1, SLICE_WORK * len(arrays.entry_offset) // (20 * len(arrays.job_task)))
     while register[MOVES] < budget and not is_stopped:
         cost = anneal(arrays, state, noise, min(size, budget - register[MOVES]))
         is_whole = register[INSERTED] == len(arrays.entry_offset)

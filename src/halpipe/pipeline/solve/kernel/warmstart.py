@@ -59,7 +59,7 @@ class Earlier:
                 pins[job.task] = {len(job.units): frozenset(job.units)}
             units.setdefault((job.task, job.index), job.units)
             if period is not None and job.task not in self.phases:
-                phase = (job.start - period * job.index) % expansion.hyperperiod % period
+                phase = job.start % period
                 phases[job.task] = min(phase, phases.get(job.task, phase))
         return Earlier(phases, units, pins)
 
