@@ -1,5 +1,6 @@
 """The exact engine rule by rule: what just fits is scheduled, a tick less is not. Verify sees every schedule."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 from fractions import Fraction
 from random import Random
@@ -11,7 +12,18 @@ from halpipe.models import Anchor, Binding, Interrupt, Match, Mode, Run
 from halpipe.pipeline import checked
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.solve import codes, exact, exactunits
-from halpipe.pipeline.solve.exact import PLAIN, Answer, Effort, ExactResult, is_small, solve_exact
+from halpipe.pipeline.solve.exact import (
+    PLAIN,
+    Answer,
+    Effort,
+    ExactResult,
+    is_small,
+    solve_exact,
+    solve_expansion,
+    unknown_to_exact,
+)
+from halpipe.pipeline.solve.exactchains import Figures, TooLarge
+from halpipe.pipeline.solve.exactmodel import build
 from halpipe.pipeline.solve.exactunits import Groups, Line, Units, forms_of
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
 from support import access, after, chain, model, ms, small_model, task, version
@@ -393,6 +405,28 @@ def test_a_refusal_names_the_element(system, element):
     assert (found.code, found.message) == (codes.EXACT_ELEMENT.id, f"does not know: {element}")
 
 
+@pytest.mark.parametrize(
+    "system",
+    [
+        spread(),
+        replace(spread(gang=2), units=interrupted(spread(), "u1", "u2").units),
+        replace(spread(anchor="point"), units=interrupted(spread(), "u1", "u2").units),
+        interrupted(model(task("a", 8, version("v", 2, "u1 u2", gang=2)), units="u1 u2"), "u1", "u2"),
+    ],
+)
+def test_gangs_and_points_on_units_that_are_alike_and_single_units_that_are_not_are_known(system):
+    assert list(unknown_to_exact(system, expand(system, system.modes[0]))) == []
+
+
+def test_a_part_of_a_mode_is_decided_by_what_is_left_of_it():
+    """Of two tasks that do not fit, one does; a chain through the other says nothing then; nothing always fits."""
+    chains = [chain("c", "a b", reaction=1)]
+    system = model(task("a", 10, version("v", 6)), task("b", 10, version("v", 6)), chains=chains)
+    whole = expand(system, system.modes[0])
+    for tasks, expected in ((2, Answer.INFEASIBLE), (1, Answer.FEASIBLE), (0, Answer.FEASIBLE)):
+        assert solve_expansion(system, replace(whole, tasks=whole.tasks[:tasks])).status is expected
+
+
 def test_jobs_of_a_bound_task_share_their_unit():
     choice = task("c", "10ms", version("v", "6ms", "u1 u2"))
     long = task("l", "20ms", version("v", "9ms", "u1 u2")), task("m", "20ms", version("v", "5ms", "u1 u2"))
@@ -445,3 +479,33 @@ def test_latencies_count_between_the_instants_that_a_chain_states(anchor, to, ag
     ):
         counted = replace(chain("c", "a b c", *limits), anchor=anchor, to=to)
         assert holds(model(full, first, *others, units="u1 u2", chains=[counted])) is is_possible, limits
+
+
+@pytest.mark.parametrize(("age", "expected"), [(3, True), ("2.9ms", False)])
+def test_of_a_let_an_age_may_count_from_the_start_of_its_job(age, expected):
+    """a is released at 0 and starts at 3 ms at the latest, so that it ends within 5 ms; b ends at 6 ms."""
+    writes = replace(task("a", 10, version("v", 2), offset=0, slack="1/2"), let=ms(5))
+    reads = task("b", 10, version("v", 1, "u2"), offset=5)
+    counted = replace(chain("c", "a b", age=age), anchor=Anchor.START)
+    assert holds(model(writes, reads, task("z", 20, version()), units="u1 u2", chains=[counted])) is expected
+
+
+def test_a_release_that_others_count_from_may_be_the_phase_itself():
+    """b is at 3 ms, so that a is released at 0; the jobs of one cycle of a and c start together."""
+    counted = replace(after("a", 3, 3), anchor=Anchor.RELEASE)
+    system = model(
+        task("a", 10, version(), slack="1/2"),
+        task("b", 10, version("v", 1, "u2", counted), offset=3),
+        task("c", 10, version("v", 1, "u3", replace(after("a", 0, 0), match=Match.CYCLE)), offset=0),
+        task("z", 20, version("v", 1, "u4")),
+        units="u1 u2 u3 u4",
+    )
+    assert holds(system)
+
+
+@pytest.mark.parametrize(("most", "is_refused"), [(2**62 - 1, False), (2**62, True)])
+def test_keys_by_which_jobs_of_a_chain_are_compared_stay_within_64_bits(most, is_refused):
+    system = model(task("a", 10, version()))
+    figures = Figures(build(expand(system, system.modes[0]), system, (), Groups), chain("c", "a"))
+    with pytest.raises(TooLarge) if is_refused else nullcontext():
+        figures._chosen([], [], [], 1, most)

@@ -154,3 +154,18 @@ def test_an_answer_that_the_annealer_cannot_hold_is_not_improved_by_it(monkeypat
     with pytest.raises(HalpipeError) as refused:
         schedule_model(perfect_fit(), options, go_on)
     assert [each.code for each in refused.value.diagnostics] == [codes.NO_OPTION.id]
+
+
+def test_a_fault_of_the_exact_engine_is_not_taken_for_no_answer(monkeypatch, few_moves):
+    """That a mode is too large for it, is."""
+    for code, is_raised in ((codes.EXACT_TOO_LARGE, False), (codes.EXACT_WRONG, True)):
+
+        def refuse(*_given, code=code):
+            raise HalpipeError(code("says the test"))
+
+        monkeypatch.setattr(relay, "solve_exact", refuse)
+        if is_raised:
+            with pytest.raises(HalpipeError):
+                schedule_model(perfect_fit(), SearchOptions(), go_on)
+        else:
+            assert not schedule_model(perfect_fit(), SearchOptions(), go_on).is_complete

@@ -9,6 +9,7 @@ import pytest
 
 from halpipe.models import Match, Status
 from halpipe.pipeline.jobs import expand
+from halpipe.pipeline.solve.kernel import search as driver
 from halpipe.pipeline.solve.kernel.first_fit import _levels, _Orders, _Refused, _Table, construct
 from halpipe.pipeline.solve.kernel.kernel import (
     BEST,
@@ -158,6 +159,17 @@ def test_what_asks_to_stop_is_obeyed():
     assert state.register[MOVES] == 60
 
 
+def test_tables_are_built_once_however_often_a_search_goes_on(monkeypatch):
+    built = []
+    monkeypatch.setattr(driver, "construct", lambda *given: built.append(given[2]))
+    problem, _ = state_of(
+        model(task("a", 10, version("v", 6)), task("b", 10, version("v", 6)), chains=[chain("c", "a", 9)])
+    )
+    search = driver.Search(problem, lambda: problem, 1)
+    assert [search.run(budget, lambda *_: True).moves for budget in (5, 9)] == [5, 9]
+    assert built == [5]
+
+
 def test_an_entry_fits_between_what_is_placed_and_comes_out_again():
     problem, state = state_of(model(task("a", 10, version("v", 5)), task("b", 20, version("v", 3))))
     place, remove = bound("fit", problem.arrays, state), bound("remove", problem.arrays, state)
@@ -241,6 +253,13 @@ def test_chains_that_meet_themselves_begin_with_the_best_rank():
         chains=[chain("c", "a b", 99), chain("d", "b a", 99)],
     )
     assert sorted(in_order(*orders_of(system)).split()) == ["a", "b"]
+
+
+def test_a_task_that_a_chain_passes_twice_in_a_row_does_not_come_after_itself():
+    system = model(task("b", 20, version("v", 1)), task("a", 20, version("v", 2)), chains=[chain("c", "a a b", 99)])
+    orders, names = orders_of(system)
+    assert orders.before == [{1: None}, {}]
+    assert in_order(orders, names) == "a b"
 
 
 def test_a_task_without_room_comes_halfway_to_the_front_with_all_that_is_before_it():

@@ -300,22 +300,24 @@ def test_a_search_that_is_stopped_keeps_what_was_found(owner, granted):
 
 
 def test_a_margin_on_a_finer_grid_that_cannot_be_stated_is_left_out(monkeypatch):
-    """Both jobs fill the unit: there is no margin, so that a finer grid is tried; of the usual one it is refused."""
-    owner = model(task("a", 10, version("v", 5)), task("b", 10, version("v", 5)))
+    """There is no margin on the grid of 2 ms, and one on a finer grid. Of the usual grid, it is an error."""
+    either = task("a", 10, version("v", 4), version("long", 8))
+    owner = model(either, task("b", 10, version("v", 4)))
     plain = one_mode._WholeJobs._stated
 
     def refusing(is_refused):
-        def stated(search, tick, *given, **form):
-            if is_refused(tick):
+        def stated(search, tick, expansion=None, **form):
+            if is_refused(tick, expansion):
                 raise HalpipeError(TOO_LARGE("has too many ticks"))
-            return plain(search, tick, *given, **form)
+            return plain(search, tick, expansion, **form)
 
         monkeypatch.setattr(one_mode._WholeJobs, "_stated", stated)
         return found(owner, budget=50).schedule.modes[0]
 
-    assert refusing(lambda tick: tick is not None).margin == 0
+    assert refusing(lambda *_: False).margin > 0
+    assert refusing(lambda tick, _: tick is not None).margin == 0
     with pytest.raises(HalpipeError):
-        refusing(lambda tick: tick is None)
+        refusing(lambda tick, expansion: tick is None and expansion is not None)  # first the valid one is found
 
 
 @pytest.mark.parametrize("aims", [(Objective.MARGIN,), (Objective.MARGIN, Objective.COST), (Objective.COST,), None, ()])

@@ -10,7 +10,8 @@ from split_helpers import parted, points, split
 from halpipe.models import Anchor, Split
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure.objectives import MEASURES, Judge, Objective, Worth, whole_weights
-from halpipe.pipeline.solve.optimise import Reached, chain_bounds
+from halpipe.pipeline.solve import exact_goals
+from halpipe.pipeline.solve.optimise import Reached, chain_bounds, finish, polish_of
 from support import after, chain, job, model, ms, task, version
 
 JITTER, PREEMPTIONS, CHAINS, COST = Objective.JITTER, Objective.PREEMPTIONS, Objective.CHAINS, Objective.COST
@@ -63,6 +64,30 @@ def test_a_schedule_is_better_if_it_is_as_good_as_the_best_and_nothing_is_worse_
     assert judge.better(jobs(12), later, late) == late
     assert judge.better(jobs(14), later, late) is None
     assert judge.better(jobs(12), Worth((later.values[0], late.values[1] - 1)), later) is None
+
+
+@pytest.mark.parametrize(
+    ("starts", "is_kept"),
+    [((5, 10), True), ((10, 10), False), ((11, 10), False), ((5, 12), False)],  # of b, and of the second job of j
+)
+def test_what_the_exact_engine_finds_is_kept_if_it_is_better_and_nothing_is_worse_than_at_first(
+    monkeypatch, starts, is_kept
+):
+    """At first a ends at 1 ms and b at 11 ms: 11 ms from a to b, and 20 ms more to a stimulus that was just missed."""
+    tasks = [task("a", 20, version(), slack=1), task("b", 20, version("v", 1, "u2"), slack=1)]
+    system = model(*tasks, task("j", 10, version("v", 1, "u3"), slack=1), units="u1 u2 u3", chains=[chain("c", "a b")])
+
+    def jobs(second, last):
+        placed = ("a", 0, 0, "u1"), ("b", 0, second, "u2"), ("j", 0, 0, "u3"), ("j", 1, last, "u3")
+        return tuple(job(system, *each) for each in placed)
+
+    other, bound = jobs(*starts), Fraction(ms(1).ns)
+    monkeypatch.setattr(exact_goals, "shortest_chains", lambda *_: exact_goals.Shortest(bound, other, stopped=True))
+    wanted = polish_of(system, expand(system, system.modes[0]), (CHAINS, JITTER), None, 1, lambda _: None, None)
+    end = finish(wanted, jobs(10, 10), 1, lambda: True, is_free=True)
+    assert (end.jobs, end.stopped) == (other if is_kept else jobs(10, 10), True)
+    rows = [(row.first, row.value, row.bound) for row in end.reached]
+    assert rows == [(ms(42).ns, ms(32 if is_kept else 42).ns, bound), (0, 0, 0)]
 
 
 @pytest.mark.parametrize(

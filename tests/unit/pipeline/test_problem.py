@@ -109,6 +109,10 @@ def test_a_resource_has_the_common_denominator_of_its_bounds():
     assert column(build(system), "rect") == [(0, 0, 4, 1), (1, 0, 1, 4), (1, 1, 1, 9), (2, 0, 1, 1)]
 
 
+def test_without_resources_a_tick_of_overlap_costs_one():
+    assert build(model(task("a", 10, version()))).arrays.lane_weight.tolist() == [1]
+
+
 def test_bounds_beyond_the_grid_are_rounded_up():
     system = model(task("a", 10, version("v", 1, "u1", access("r", 0, 1, "1/3000017"))), resources="r")
     built = build(system)
@@ -177,6 +181,12 @@ def test_a_coarse_tick_rounds_outward_and_inward():
 def test_the_delay_of_a_job_is_limited_by_slack_and_deadline(slack, deadline, late):
     system = model(task("a", 10, version("v", 2), slack=slack, deadline=deadline), task("b", 20, version("v", 1)))
     assert build(system).arrays.option_late[0] == late
+
+
+@pytest.mark.parametrize(("let", "late"), [(5, 3), (6, 4), (7, 4)])
+def test_a_job_ends_within_its_logical_execution_time_and_its_deadline(let, late):
+    computes = replace(task("a", 10, version("v", 2), offset=0, slack=1, deadline=6), let=ms(let))
+    assert build(model(computes, task("b", 20, version("v", 1)))).arrays.option_late[0] == late
 
 
 def test_an_offset_beyond_the_period_is_taken_modulo():

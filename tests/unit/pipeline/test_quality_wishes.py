@@ -76,6 +76,23 @@ def test_chains_without_data_have_no_limit_and_are_not_traded(latencies):
     assert [list(row) for row in quality._limits(rows)] == [[NO_TICK, 30], [40, 50]]
 
 
+def test_rounds_of_wishes_go_on_while_they_win_more_than_a_thousandth_of_all(latencies, monkeypatch):
+    """3 of 3000 are no more than that, 3 of 2997 are; in a round the chain that weighs most comes first."""
+    rows, wins, rounds = latencies([[1000, 800], [400, NEVER]]), iter((3, 3, 0)), []
+
+    def granted(_best, limits, _asked):
+        if limits.func is quality._all_shorter:
+            rounds.append([limits.args[-1]])
+            rows[0][0] -= next(wins)
+        else:
+            rounds[-1].append(limits.args[-2])
+        return iter(())
+
+    monkeypatch.setattr(quality, "_while_granted", granted)
+    assert list(quality._shorter_chains(None, None, (1, 3), [[0, 0], [0, 0]])) == []
+    assert rounds == [[parts, (1, 0), (0, 0), (0, 1)] for parts in (8, 64, 64)]
+
+
 class Granting:
     """Answers the wishes of a generator, and notes them."""
 

@@ -136,6 +136,13 @@ def test_a_start_on_the_grid_keeps_the_deadline_exactly_if_it_keeps_the_original
         assert (ms(delta) + rounded.versions[0].wcet <= rounded.deadline) == keeps
 
 
+def test_the_deadline_is_the_smallest_that_a_version_leaves():
+    """5.2 ms less 2.7 ms are two windows, and 3 ms before them; less 2.2 ms they are three."""
+    t = task("t", 10, version("a", "2.2ms", "u1"), version("b", "2.7ms", "u1"), version("c", 6, "u1"), deadline="5.2ms")
+    assert on_grid(t).tasks[0].deadline == ms(5)
+    assert on_grid(replace(t, versions=t.versions[:1])).tasks[0].deadline == ms(6)
+
+
 # ------------------------------------------------------------------------------------------- what cannot be rounded
 
 
@@ -147,6 +154,21 @@ def test_periods_and_offsets_off_the_grid_are_answered_with_the_nearest_windows(
     assert "period 2.5ms is not a multiple of the window 1ms" in found[0].message
     assert found[0].help.endswith("are 500 cycles (500us)")
     on_grid(t, o, window=ms("0.5ms"))
+
+
+@pytest.mark.parametrize(
+    ("period", "cycle", "help"),
+    [
+        ("3.5ms", "1ms", 'state "window: 875us", which divides all'),  # the fourth part, which is nearest
+        ("2.5ms", "2ms", 'state "window: 1.25ms", which'),
+        ("0.4ms", "1ms", 'state "window: 400us", which'),
+        ("4.5ms", "1.5ms", "that divide all periods and offsets are 1 cycles (1.5ms)"),
+        ("6.3ms", "0.3ms", "are 3 cycles (900us) or 7 cycles (2.1ms)"),
+    ],
+)
+def test_where_no_whole_cycles_divide_a_period_a_window_that_does_is_named(period, cycle, help):
+    [found] = refusal(task("t", period, version("v", "0.1ms", "u1")), cycle=ms(cycle))
+    assert help in found.help
 
 
 def test_a_precedence_window_without_a_distance_on_the_grid():
@@ -297,10 +319,11 @@ def test_what_has_no_schedule_at_all_is_not_blamed_on_the_grid(tmp_path):
 def test_a_tick_besides_must_be_on_the_grid(tmp_path):
     system = stack()
     grid = burst_grid(platform(tmp_path))
-    with pytest.raises(HalpipeError) as refused:
-        schedule_model(system, SearchOptions(grid=grid, tick=ms("1.5ms")), lambda *_: True)
-    (found,) = refused.value.diagnostics
-    assert (found.code, found.help) == (codes.GRID_TICK.id, "omit --tick, or use 2ms")
+    for tick, near in (("1.5ms", 2), ("0.3ms", 1), ("2.9ms", 3)):
+        with pytest.raises(HalpipeError) as refused:
+            schedule_model(system, SearchOptions(grid=grid, tick=ms(tick)), lambda *_: True)
+        (found,) = refused.value.diagnostics
+        assert (found.code, found.help) == (codes.GRID_TICK.id, f"omit --tick, or use {near}ms")
     assert schedule_model(system, SearchOptions(grid=grid, tick=ms(1)), lambda *_: True).is_complete
 
 

@@ -1,14 +1,18 @@
 """The driver of the kernel: names come back, phases are canonical, large gangs survive, Ctrl-C is answered."""
 
+from dataclasses import replace
+
 import pytest
 from placed_cases import roborace
 
 from halpipe.models import Status
 from halpipe.pipeline.checked import explain_failure
+from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.solve import lanes
 from halpipe.pipeline.solve.codes import NOT_FOUND
 from halpipe.pipeline.solve.kernel import assign_units as dealing
-from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
+from halpipe.pipeline.solve.one_mode import Found
+from halpipe.pipeline.solve.schedule import SearchOptions, _Modes, schedule_model
 from halpipe.pipeline.verify import verify
 from support import access, after, chain, mode, model, ms, task, version
 
@@ -118,6 +122,19 @@ def test_every_mode_is_searched_and_the_chosen_ones_only_if_asked():
     system = model(a, b, modes=[mode("one", [a]), mode("two", [a, b])])
     assert [table.name for table in found(system).schedule.modes] == ["one", "two"]
     assert [table.name for table in found(system, modes=("two",)).schedule.modes] == ["two"]
+
+
+def test_a_mode_waits_for_those_before_it_up_to_the_one_that_has_all_jobs_of_its_tasks():
+    a, long = task("a", 10, version()), task("long", 20, version())
+    modes = [mode("half", [a]), mode("full", [a, long]), mode("again", [a, long]), mode("last", [a, long])]
+    system = model(a, long, modes=modes)
+    tables = found(system).schedule.modes
+    search = _Modes(system, [expand(system, each) for each in modes], SearchOptions(), lambda *_: True, {})
+    known = {number: Found(table, []) for number, table in enumerate(tables)}
+    failed = Found(replace(tables[1], status=Status.NOT_FOUND), [])
+    assert search._start(3, {}) is search._start(3, {0: known[0]}) is None  # of the two jobs of a, one is known
+    assert search._start(3, {0: known[0], 1: known[1]}) == search._start(3, known)
+    assert search._start(3, {0: known[0], 1: failed}) is None
 
 
 def test_a_search_that_is_stopped_leaves_the_modes_after_it():
