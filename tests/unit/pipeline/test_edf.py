@@ -17,9 +17,13 @@ from halpipe.pipeline.measure.objectives import Objective
 from halpipe.pipeline.solve import codes, one_mode
 from halpipe.pipeline.solve import schedule as solve
 from halpipe.pipeline.solve.edf.fixed import Claim
+from halpipe.pipeline.solve.edf.plans import Moves
+from halpipe.pipeline.solve.edf.search import Search
+from halpipe.pipeline.solve.edf.trials import Effort
 from halpipe.pipeline.solve.edf.works import works_of
 from halpipe.pipeline.solve.integers import Draws
 from halpipe.pipeline.solve.kernel.widen import NO_WIDER
+from halpipe.pipeline.solve.optimise import polish_of
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.verify import verify
 from support import access, after, chain, model, ms, task, version
@@ -486,3 +490,19 @@ def test_a_margin_for_which_there_are_too_many_parts_is_not_granted(monkeypatch)
         monkeypatch.setattr(one_mode._WholeJobs, "raised", lambda *_, **__: NO_WIDER)
         found = schedule_model(owner, SearchOptions(budget=50), lambda *_: True)
         assert found.schedule.modes[0].jobs == first.modes[0].jobs
+
+
+@pytest.mark.parametrize(
+    ("aim", "polish", "tries"),
+    [(Objective.JITTER, 0, 0), (Objective.JITTER, 5, 5), (Objective.CHAINS, 100, 100), (Objective.CHAINS, 101, 150)],
+)
+def test_a_valid_table_is_improved_until_the_effort_is_spent(monkeypatch, aim, polish, tries):
+    """A plan that is the one before counts as a job placed; where chains come first, fifty are tried in a row."""
+    owner = replace(short_beside_long(3, 6), chains=(chain("c", "short long"),))
+    mode = works_of(owner, expand(owner, owner.modes[0]), ms(1))
+    tried = []
+    monkeypatch.setattr(Moves, "varied", lambda _, plan: tried.append(plan) or plan)
+    wanted = polish_of(owner, mode.expansion, (aim,), None, 1, lambda _: None, None)
+    plain = Search(mode, owner, 1, {}, Effort(100, 0, lambda *_: True)).run()
+    found = Search(mode, owner, 1, {}, Effort(100, polish, lambda *_: True), wanted).run()
+    assert (len(tried), found.jobs, found.stopped, found.unimproved) == (tries, plain.jobs, False, False)

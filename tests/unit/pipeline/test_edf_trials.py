@@ -7,8 +7,10 @@ from types import SimpleNamespace
 import pytest
 from split_helpers import interrupts, points, split
 
+from halpipe.core.diagnostics import HalpipeError
 from halpipe.models import Anchor, ResourceKind, Split
 from halpipe.pipeline.jobs import expand
+from halpipe.pipeline.solve.codes import TOO_LARGE
 from halpipe.pipeline.solve.edf import trials
 from halpipe.pipeline.solve.edf.fixed import fix
 from halpipe.pipeline.solve.edf.native import System, Told
@@ -146,6 +148,12 @@ def test_a_table_is_looked_at_once_each_window_has_a_predecessor_to_look_back_at
     mode = mode_of(model(task("a", 20, version("v", 2), offset=4), task("b", 20, version("v", 1, "u1", *rows))))
     plan = plan_of(mode)
     assert Simulator(mode)._start_up(plan, Told(System(mode, 8), plan, 1)) == 3
+
+
+def test_a_mode_whose_times_have_too_many_ticks_is_refused():
+    with pytest.raises(HalpipeError) as refused:
+        Simulator(mode_of(model(task("a", 10**9, version("v", 10**8))), tick="1/1000000ns"))
+    assert [each.code for each in refused.value.diagnostics] == [TOO_LARGE.id]
 
 
 class Scripted:

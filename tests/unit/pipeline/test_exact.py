@@ -174,6 +174,14 @@ def test_units_are_dealt_when_all_starts_are_known(monkeypatch):
     assert by_groups != by_units
 
 
+@pytest.mark.parametrize(("count", "forms"), [(64, [Units, Line]), (65, [Units])])
+def test_units_are_no_capacities_where_a_job_has_too_many_choices_of_them(count, forms):
+    names = [f"u{n}" for n in range(count)]
+    own = [task(f"t{n}", 10, version("v", 1, name)) for n, name in enumerate(names)]
+    system = model(task("wide", 10, version("v", 1, " ".join(names))), *own, units=" ".join(names))
+    assert forms_of(expand(system, system.modes[0]), system.units) == forms
+
+
 def test_what_must_pass_the_end_is_not_called_infeasible_on_the_word_of_the_line(monkeypatch):
     """63 ms in a pipeline over 25 ms pass the end of the hyperperiod; on a line there is no room for them."""
     units = "u1 u2 u3"

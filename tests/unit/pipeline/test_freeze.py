@@ -10,9 +10,12 @@ from halpipe.core.diagnostics import Exit, HalpipeError
 from halpipe.models import Binding, Mode, ResourceKind, Run, Split
 from halpipe.pipeline.checked import schedule_model, verify_schedule
 from halpipe.pipeline.jobs import expand
+from halpipe.pipeline.measure.objectives import Objective
 from halpipe.pipeline.shipped import check_shipped, overlaps, staying
 from halpipe.pipeline.solve.codes import CANNOT_STAY
+from halpipe.pipeline.solve.kernel.search import improved
 from halpipe.pipeline.solve.kernel.warmstart import taken_over
+from halpipe.pipeline.solve.optimise import polish_of
 from halpipe.pipeline.solve.problem import build_problem
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.solve.schedule import schedule_model as search
@@ -412,6 +415,18 @@ def test_phases_of_what_is_taken_over_lie_behind_an_offset_or_around_the_first_j
     jobs = [job(owner, "a", index, start, "u1") for index, start in enumerate(starts)]
     state, _ = taken_over(problem, [*jobs, job(owner, "b", 0, 0, "u2")], 1)
     assert state.phase.tolist() == [*phases, 0]
+
+
+@pytest.mark.parametrize(
+    ("unit", "start", "is_taken"), [("u1", 4, True), ("u9", 4, False), ("u1", 3, False), ("u1", 20, False)]
+)
+def test_only_a_valid_schedule_on_units_that_there_are_is_taken_over(unit, start, is_taken):
+    owner = model(task("a", 10, version("v", 4)), task("b", 10, version("v", 4)))
+    problem = build_problem(expand(owner, owner.modes[0]), owner.units, [], [])
+    jobs = [job(owner, "a", 0, 0, "u1"), job(owner, "b", 0, start, unit)]
+    assert (taken_over(problem, jobs, 1) is not None) == is_taken
+    wanted = polish_of(owner, problem.expansion, (Objective.JITTER,), None, 1, lambda _: None, 1)
+    assert (improved(problem, jobs, wanted, lambda *_: True) is not None) == is_taken
 
 
 @pytest.mark.parametrize("how", [points(2, max_gaps=1), Split(anywhere=True, max_gaps=1)])

@@ -134,3 +134,36 @@ def test_units_of_a_group_are_taken_away_until_that_is_refused():
 
     asked = Granting(quality._fewer_units(best), grant).asked
     assert [list(wish.lane_capacity) for wish in asked] == [[2, 2, 9], [1, 2, 9], [2, 1, 9], [2, 0, 9]]
+
+
+def jittery(monkeypatch, delays):
+    """Let the jobs of tasks have delays."""
+    monkeypatch.setattr(quality, "_delays", lambda _: list(delays))
+    monkeypatch.setattr(quality, "_lateness", lambda _, asked: ints(asked))
+    return SimpleNamespace(arrays=arrays(option_late=ints()))
+
+
+QUARTERS = [[0, 0, 0], [2, 0, 1], [4, 0, 2], [6, 0, 3]]
+
+
+@pytest.mark.parametrize(
+    ("granted", "asked"),
+    [
+        ([], [*QUARTERS, [0, 0, 4], [4, 0, 4], [8, 0, 0], [8, 0, 2]]),
+        ([[4, 0, 2], [8, 0, 0]], [*QUARTERS[:3], [0, 0, 4], [4, 0, 4], [8, 0, 0]]),
+        ([[0, 0, 0], [0, 0, 4]], [QUARTERS[0], [0, 0, 4], [8, 0, 0], [8, 0, 2]]),
+    ],
+)
+def test_less_jitter_is_asked_for_by_quarters_of_all_then_of_each_task_from_none_on(monkeypatch, granted, asked):
+    """The task with the largest delay comes first."""
+    wishes = Granting(
+        quality._less_jitter(jittery(monkeypatch, [8, 0, 4])), lambda wish: [*wish.option_late] in granted
+    )
+    assert [[*wish.option_late] for wish in wishes.asked] == asked
+    assert Granting(quality._less_jitter(jittery(monkeypatch, [0, 0])), lambda _: True).asked == []
+
+
+def test_the_jitter_of_the_tasks_with_the_most_is_asked_for_one_by_one(monkeypatch):
+    monkeypatch.setattr(quality, "JITTERY", 1)
+    wishes = Granting(quality._less_jitter(jittery(monkeypatch, [4, 8])), lambda _: False)
+    assert [[*wish.option_late] for wish in wishes.asked[4:]] == [[4, 0], [4, 4]]

@@ -21,7 +21,7 @@ def codes(caught):
 
 
 def test_one_job_works_here_and_in_order():
-    assert list(map_tasks(square, [3, 1, 2])) == [(0, 9), (1, 1), (2, 4)]
+    assert list(map_tasks(lambda number: number**2, [3, 1, 2], jobs=1)) == [(0, 9), (1, 1), (2, 4)]
 
 
 def test_several_processes_give_the_same_results_by_position():

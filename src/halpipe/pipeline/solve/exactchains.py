@@ -103,16 +103,16 @@ class Figures:
     def _rigid(self, active: ActiveTask, event: Anchor | None) -> tuple[int, int] | None:
         """Return the times from reading to writing and to an event (None: writing), of a task whose are all equal."""
         program, let = self._program, active.task.let
-        wcet = program.uniform_wcet(active)
-        is_strict = program.is_strict(active) and wcet is not None
+        wcet = program.uniform_wcet(active) or 0
+        is_strict = program.is_strict(active) and wcet > 0
         if let is None and not is_strict:
             return None
-        written = (wcet or 0) if let is None else program.ticks(let)
+        written = wcet if let is None else program.ticks(let)
         if event is None:
             return written, written
         if event is Anchor.RELEASE and let is not None:
             return written, 0
-        return (written, (wcet or 0) if event is Anchor.END else 0) if is_strict else None
+        return (written, wcet if event is Anchor.END else 0) if is_strict else None
 
     def _distinct(self, task: str) -> list[JobVars]:
         """Return the jobs of a task that see the chain differently: fewer than all where its tasks are rigid."""

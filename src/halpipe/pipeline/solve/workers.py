@@ -163,7 +163,7 @@ def watched(work: Callable[[], _Result], go_on: Callable[[], bool], stop: Callab
 
 
 def map_tasks(
-    function: Callable[[_Item], _Result], items: Sequence[_Item], *, jobs: int = 1
+    function: Callable[[_Item], _Result], items: Sequence[_Item], *, jobs: int
 ) -> Generator[tuple[int, _Result], None, None]:
     """Yield (position, result) for every item as it is finished.
 
