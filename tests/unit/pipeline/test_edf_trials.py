@@ -295,6 +295,9 @@ def test_latencies_are_in_ticks_and_the_same_however_they_are_measured(monkeypat
     grown = mode_of(owner, growth=Fraction(3, 2))  # measured by the jobs as they are named
     found = table_of([(0, (0, 3, 0, 3)), (10, (10, 13, 0, 3))], [(2, (3, 8, 0, 5))])
     assert ChainTimes(grown, owner.chains).of(plan_of(grown), found) == [(10 + 16, 6)]
+    twice = mode_of(owner, growth=2)
+    found = table_of([(0, (0, 4, 0, 4)), (10, (10, 14, 0, 4))], [(2, (4, 10, 0, 6))])
+    assert ChainTimes(twice, owner.chains).of(plan_of(twice), found) == [(10 + 17, 7)]
 
 
 def test_a_chain_without_a_job_carries_no_data():

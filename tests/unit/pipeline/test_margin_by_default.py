@@ -8,7 +8,7 @@ from dataclasses import replace
 from fractions import Fraction
 
 import pytest
-from split_helpers import interrupts
+from split_helpers import interrupts, points, split
 
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.options import from_keywords
@@ -22,6 +22,7 @@ from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure.objectives import Objective
 from halpipe.pipeline.solve import one_mode
 from halpipe.pipeline.solve.codes import TOO_LARGE
+from halpipe.pipeline.solve.kernel.widen import NO_WIDER
 from halpipe.pipeline.solve.optimise import Reached
 from halpipe.pipeline.solve.schedule import SPARE, SearchOptions
 from halpipe.pipeline.solve.workers import Workers
@@ -326,6 +327,26 @@ def test_jobs_start_at_multiples_of_a_tick_whatever_is_optimised(aims):
     owner = model(task("a", 20, version("v", 3)), task("b", 20, version("v", 4)), task("c", 20, version("v", "4.5ms")))
     mode = found(owner, budget=200, optimise=aims, tick=ms(2)).schedule.modes[0]
     assert [str(job.start) for job in mode.jobs if job.start % ms(2)] == []
+
+
+@pytest.mark.parametrize(("spare", "efforts"), [(10**6, (25_000, 10**6, 30_000)), (1000, (100, 1000, 1000))])
+def test_tries_for_the_margin_of_preemptive_jobs_have_their_efforts(monkeypatch, spare, efforts):
+    """Of five jobs: a fortieth or twenty tables, on a finer tick all of it, and up to six thousand tables for any."""
+    owner = model(task("short", 5, version("v", 1), slack=1), task("long", 20, split(version("v", 10), points(3, 6))))
+    asked = []
+
+    def note(_search, _begin, *given):
+        asked.append(given)
+        return NO_WIDER
+
+    monkeypatch.setattr(one_mode._Search, "widened", note)
+    monkeypatch.setattr(one_mode._SplitJobs, "_any_margin", note)
+    monkeypatch.setattr(one_mode._WholeJobs, "raised", lambda *_, **__: NO_WIDER)
+    monkeypatch.setattr(one_mode, "least_margin", lambda _: Fraction(0))
+    monkeypatch.setattr(one_mode, "largest_margin", lambda *_: Fraction(1))
+    assert found(owner, budget=300, spare=spare).schedule.modes[0].status is Status.VALID
+    plain, finer, any_of_them = asked
+    assert (plain[3:], finer[3:], any_of_them[0]) == ((1, efforts[0]), (5, efforts[1], "finer"), efforts[2])
 
 
 def test_a_margin_keeps_the_versions_that_were_chosen():

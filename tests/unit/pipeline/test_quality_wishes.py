@@ -93,6 +93,21 @@ def test_rounds_of_wishes_go_on_while_they_win_more_than_a_thousandth_of_all(lat
     assert rounds == [[parts, (1, 0), (0, 0), (0, 1)] for parts in (8, 64, 64)]
 
 
+def test_shorter_chains_are_asked_for_while_they_are_granted_and_nothing_twice():
+    limits = [[9, 9], [8, 8], [7, 7], [6, 6]]
+    best, asked = SimpleNamespace(arrays=arrays(chain_limit=None)), {(5, 5)}
+
+    def wished(*rows):
+        wanted = iter([*(Table.of([row], 2) for row in rows), None])
+        found = Granting(quality._while_granted(best, lambda: next(wanted), asked), lambda w: w.chain_limit[0, 0] > 7)
+        return [[*wish.chain_limit.flat] for wish in found.asked]
+
+    assert wished(*limits) == limits[:3]
+    assert wished([5, 5], [10, 10]) == []
+    assert wished([10, 10], [9, 9], [11, 11]) == [[10, 10]]
+    assert wished() == []
+
+
 class Granting:
     """Answers the wishes of a generator, and notes them."""
 
