@@ -7,7 +7,7 @@ import pytest
 from split_helpers import interrupts, parted, points, split
 
 from halpipe.core.diagnostics import Exit, HalpipeError
-from halpipe.models import Binding, Mode, ResourceKind, Run, Split
+from halpipe.models import Anchor, Binding, Mode, ResourceKind, Run, Split
 from halpipe.pipeline.checked import schedule_model, verify_schedule
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure.objectives import Objective
@@ -427,6 +427,19 @@ def test_only_a_valid_schedule_on_units_that_there_are_is_taken_over(unit, start
     assert (taken_over(problem, jobs, 1) is not None) == is_taken
     wanted = polish_of(owner, problem.expansion, (Objective.JITTER,), None, 1, lambda _: None, 1)
     assert (improved(problem, jobs, wanted, lambda *_: True) is not None) == is_taken
+
+
+@pytest.mark.parametrize(("starts", "is_taken"), [((7, 17, 27), True), ((17, 27, 7), True), ((7, 18, 27), False)])
+def test_jobs_from_whose_releases_others_count_are_taken_over_if_they_are_a_period_apart(starts, is_taken):
+    counted = replace(after("a", 0, 29), anchor=Anchor.RELEASE)
+    owner = model(
+        task("a", 10, version(), slack=1),
+        task("b", 30, version("v", 1, "u2", counted), offset=0, slack=1),
+        units=UNITS,
+    )
+    problem = build_problem(expand(owner, owner.modes[0]), owner.units, [], [])
+    jobs = [job(owner, "a", index, start, "u1") for index, start in enumerate(starts)]
+    assert (taken_over(problem, [*jobs, job(owner, "b", 0, 0, "u2")], 1) is not None) == is_taken
 
 
 @pytest.mark.parametrize("how", [points(2, max_gaps=1), Split(anywhere=True, max_gaps=1)])

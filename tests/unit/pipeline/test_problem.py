@@ -300,6 +300,20 @@ def test_a_polling_task_may_run_for_longer_than_arrivals_are_apart():
     assert not options_of(build(model(replace(polled, deadline=ms(8)), other, units="u1 u2")))
 
 
+def test_lanes_have_room_for_what_may_land_there_and_stretches_up_to_the_last_tick():
+    """Of 65 ticks, with 13 jobs and 5: three breakpoints each, in stretches of 16 ticks; two phases of each of 13."""
+    twice = version("v", 2, "u1", access("r", 0, 1, "1/2"), access("r", 1, 2))
+    system = model(
+        task("a", 5, twice, version("w", 1, "u1", access("r", 0, 1))), task("b", 13, version("v", 1)), resources="r"
+    )
+    arrays = build(system).arrays
+    assert (arrays.hyperperiod, arrays.owner_first.tolist()) == (65, [0, 13 + 5, 18 + 2 * 13])
+    assert arrays.lane_first.tolist() == [0, 3 * 18 + 4, 58 + 3 * 26 + 4]
+    assert (arrays.guide_shift.tolist(), arrays.guide_first.tolist()) == ([4, 4], [0, 5, 10])
+    few = build(model(task("a", 13, version()), task("b", 13, version()))).arrays
+    assert (few.guide_shift.tolist(), few.guide_first.tolist()) == ([4], [0, 1])
+
+
 # ------------------------------------------------------------------------------------------------ windows
 
 
