@@ -211,6 +211,8 @@ def test_fewest_moves_are_found_and_proven():
     assert sum(not is_same(each, earlier) for each in found.jobs) == 2
     again = fewest_moved(owner, expansion, earlier, {}, found.jobs, 2, Effort(work=5))
     assert again == Fewest(2)
+    assert fewest_moved(owner, expansion, earlier, {}, known(owner, earlier, "abc"), 0, Effort(work=0)) == Fewest()
+    assert fewest_moved(owner, expansion, earlier, {}, known(owner, earlier, "abc"), 0, Effort(work=None)).bound == 2
 
 
 @pytest.mark.parametrize("moves", ["a", "b", "c"])

@@ -16,10 +16,11 @@ from halpipe.flow.formats import burst_grid
 from halpipe.flow.plan import read_plan
 from halpipe.models import Anchor, HealthAction, HealthEvent, HealthRule, Job, Transition
 from halpipe.pipeline.checked import schedule_model, verify_schedule
+from halpipe.pipeline.explain.explanation import ExplainOptions
 from halpipe.pipeline.solve import codes
 from halpipe.pipeline.solve.quantise import BurstGrid, describe, quantise, restore
 from halpipe.pipeline.solve.schedule import SearchOptions
-from support import access, after, chain, mode, model, ms, schedule, task, version
+from support import access, after, chain, job, mode, model, ms, schedule, task, version
 
 GRID = BurstGrid(
     name="p", window=ms(1), cycle=ms("1us"), resource="mem", promise=Fraction(6400), capacity=6400, burst=64, reserve=0
@@ -273,6 +274,19 @@ def test_one_mode_on_the_grid_needs_no_switch_or_reaction_of_others(tmp_path):
     system = replace(stack(), transitions=(Transition(source="all", target="few"),), health=(rule,))
     options = SearchOptions(grid=burst_grid(platform(tmp_path)), modes=("few",))
     assert schedule_model(system, options, lambda *_: True).is_complete
+
+
+@pytest.mark.parametrize(("start", "stays"), [("2ms", True), ("2.5ms", False)])
+def test_a_task_that_has_shipped_beside_the_grid_is_placed_anew(tmp_path, start, stays):
+    system = model(task("a", 10, version("v", "1.5ms", "u1 u2"), slack=1), units="u1 u2", resources="mem")
+    shipped = schedule(system, 10, job(system, "a", 0, start, "u1"))
+    options = SearchOptions(grid=burst_grid(platform(tmp_path)), shipped=shipped)
+    found = schedule_model(system, options, lambda *_: True)
+    assert any(d.code == codes.CANNOT_STAY.id for d in found.diagnostics) is not stays
+    [again] = found.schedule.modes[0].jobs
+    assert (again.start == ms(start)) is stays
+    assert not again.start % ms(1)
+    assert ExplainOptions(grid=options.grid, shipped=shipped).search().tick == (None if stays else ms(1))
 
 
 def test_loads_and_costs_are_those_of_the_model(tmp_path):

@@ -104,9 +104,10 @@ class ExplainOptions:
         """Return the options of the searches that are explained."""
         from halpipe.pipeline.solve.schedule import SearchOptions
 
-        return SearchOptions(
+        search = SearchOptions(
             seed=self.seed, tick=self.tick, shipped=self.shipped, near=self.near, grid=self.grid, optimise=()
         )
+        return replace(search, tick=search.start_tick)
 
 
 EXITS = {

@@ -202,7 +202,7 @@ def fewest_moved(
     if not all(_is_numbered(expansion, job) for job in (*earlier.values(), *held.values(), *known)):
         return Fewest()
     best = Fewest(least)
-    floor, most, left = least, _moved(known, earlier), effort.work or math.inf
+    floor, most, left = least, _moved(known, earlier), math.inf if effort.work is None else effort.work
     while floor < most and left > 0:
         is_proving = floor == best.bound
         limit = most - 1 if most - floor <= FEW_LIMITS else floor if is_proving else (floor + most) // 2

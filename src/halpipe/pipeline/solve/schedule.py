@@ -158,6 +158,15 @@ class SearchOptions:
         """Whether no budget is stated, so that whatever helps may be tried."""
         return self.budget in (None, UNBOUNDED)
 
+    @property
+    def start_tick(self) -> Duration | None:
+        """The tick of the starts that is asked for: of a grid the window, where earlier jobs start beside it."""
+        if self.tick is not None or self.grid is None:
+            return self.tick
+        tables = (mode for schedule in (self.shipped, self.near) if schedule is not None for mode in schedule.modes)
+        is_beside = any(job.start % self.grid.window for mode in tables for job in mode.jobs)
+        return self.grid.window if is_beside else None
+
     def by_the_clock(self) -> SearchOptions:
         """Return the same for a search that a clock ends: nothing else does, unless a budget is stated."""
         return replace(self, effort=None, budget=self.budget or UNBOUNDED)
