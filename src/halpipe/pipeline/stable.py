@@ -93,9 +93,9 @@ def schedule_near(
         if not is_least(found):
             found = _put_back(earlier, found, attempt)
     shipped = {job.task for mode in (options.shipped.modes if options.shipped else ()) for job in mode.jobs}
-    anew = {name: d for d in found.diagnostics if d.code == CANNOT_STAY.id if (name := _task_of(d)) not in shipped}
-    notes = [d for d in found.diagnostics if d not in anew.values()]
-    changed = dict.fromkeys(anew, "may not stay there") | changed
+    anew = [d for d in found.diagnostics if d.code == CANNOT_STAY.id and _task_of(d) not in shipped]
+    notes = [d for d in found.diagnostics if d not in anew]
+    changed = dict.fromkeys(map(_task_of, anew), "may not stay there") | changed
     return replace(found, diagnostics=(*notes, *_told(earlier, found.schedule, changed, fewest)))
 
 

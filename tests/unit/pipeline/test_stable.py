@@ -327,6 +327,9 @@ def test_a_task_that_may_not_start_there_any_more_is_named_in_the_note_alone():
     [note] = scheduled(now, near=first).diagnostics
     assert note.code == NEAR.id
     assert "a (may not stay there)" in note.message
+    twice = replace(now, modes=(*now.modes, replace(now.modes[0], name="other")))
+    both = replace(first, modes=(*first.modes, replace(first.modes[0], name="other")))
+    assert {found.code for found in scheduled(twice, near=both).diagnostics} == {NEAR.id}
 
 
 def three_modes(**changes):
