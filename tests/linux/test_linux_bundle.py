@@ -401,6 +401,10 @@ def test_health_rules_that_the_dispatcher_does_not_follow_are_said():
     ]:
         said = FORMAT.remarks(replace(owner, health=(rule,)), tables, LinuxOptions(busy=50), {})
         assert any("health rules" in d.message for d in said) == is_said
+    for chosen, is_said in (("one", False), ("both", True)):  # what the rule goes to is all there is, or left out
+        options = LinuxOptions(busy=50, mode=chosen)
+        said = FORMAT.remarks(replace(owner, health=(followed,)), tables, options, {})
+        assert any("health rules" in d.message for d in said) == is_said
 
 
 def test_lengths_that_are_no_whole_nanoseconds_keep_their_rest(tmp_path):

@@ -309,7 +309,7 @@ def sentences(model: TaskModel, schedule: Schedule, options: LinuxOptions) -> It
             f"programs that only take {options.busy} % of their WCET stand for: {few(made_up)}",
             "name their sources in the model, or in an overlay",
         )
-    if left := dict.fromkeys(rule.task for rule in model.health if not is_followed(rule)):
+    if left := dict.fromkeys(rule.task for rule in model.health if not is_followed(rule, schedule)):
         yield (
             f"health rules are not followed, but for switches after one overrun: {few(list(left))}",
             "a program that faults ends the dispatcher; let its supervisor start it in the mode that is meant",

@@ -218,13 +218,14 @@ class _Programs:
         self._findings.add(EARLY_PHASE(text, at=version.at, path=version_of(job.task, job.version), help=help))
 
 
-def is_followed(rule: HealthRule, *, catches_faults: bool = False) -> bool:
-    """Return whether the dispatcher follows a health rule: a switch after a single event that it can survive.
+def is_followed(rule: HealthRule, schedule: Schedule, *, catches_faults: bool = False) -> bool:
+    """Return whether the dispatcher follows a rule: a switch to a mode of the schedule, after one event it can survive.
 
     A fault of a shared object is a signal that ends the process; hosts that catch exceptions survive theirs.
     """
     survives = catches_faults or rule.event is not _FAULT
-    return rule.action is HealthAction.SWITCH and rule.count == 1 and survives
+    is_switch = rule.action is HealthAction.SWITCH and rule.mode in {mode.name for mode in schedule.modes}
+    return is_switch and rule.count == 1 and survives
 
 
 def _refuge(model: TaskModel, schedule: Schedule, task: str, event: HealthEvent) -> int:
@@ -233,9 +234,11 @@ def _refuge(model: TaskModel, schedule: Schedule, task: str, event: HealthEvent)
     rules = (
         rule
         for rule in model.health
-        if rule.task == task and is_followed(rule, catches_faults=True) and rule.event in (event, HealthEvent.ANY)
+        if rule.task == task
+        and is_followed(rule, schedule, catches_faults=True)
+        and rule.event in (event, HealthEvent.ANY)
     )
-    return next((modes.index(rule.mode) for rule in rules if rule.mode in modes), -1)
+    return next((modes.index(rule.mode) for rule in rules), -1)
 
 
 HIGHEST = 99

@@ -109,20 +109,25 @@ class RiscvExporter(Exporter):
 
         chosen = select(model, schedule, options.mode, self.name)
         if options.mode:  # the bundle is a system of its own, that knows no other mode
-            model = replace(model, modes=(model.mode(options.mode),), transitions=())
+            rules = tuple(rule for rule in model.health if rule.mode in ("", options.mode))
+            model = replace(model, modes=(model.mode(options.mode),), transitions=(), health=rules)
         return build(model, chosen, specific(RiscvOptions, options))
 
     def remarks(
         self, model: TaskModel, schedule: Schedule | None, options: ExportOptions, contents: Mapping[str, bytes]
     ) -> Sequence[Diagnostic]:
-        """Return what one member of a gang writes alone, and what the report of the regulators says."""
-        from halpipe.core.diagnostics import Location, version_of
+        """Return what one member of a gang writes alone, rules left out, and what the report of the regulators says."""
+        from halpipe.core.diagnostics import Location, about, version_of
         from halpipe.exporters.regulator.embedded import FOLDER
         from halpipe.exporters.regulator.report import findings_of
-        from halpipe.exporters.riscv.codes import REGULATORS_LEFT_ALONE
+        from halpipe.exporters.riscv.codes import REGULATORS_LEFT_ALONE, RULE_LEFT_OUT
         from halpipe.exporters.riscv.phases import written_alone
 
         found = list(written_alone((version_of(t.name, v.name), v) for t in model.tasks for v in t.versions))
+        for rule in model.health if options.mode else ():
+            if rule.mode not in ("", options.mode):
+                message, path = f'its rule after {rule.event} switches to "{rule.mode}"', about(task=rule.task)
+                found.append(RULE_LEFT_OUT(message, at=rule.at, path=path, help="export without --mode"))
         report = contents.get(f"{FOLDER}report.json")
         if report is None:
             return found

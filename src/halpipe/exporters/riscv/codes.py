@@ -184,6 +184,11 @@ BAD_HARDWARE = error(
     "A profile is made from the device tree of a Rocket system, with a hart 0 that manages and an ITIM and a DTIM for "
     "each other one, or from the csr.json of a LiteX system with several Rocket cores.",
 )
+RULE_LEFT_OUT = warning(
+    "HAL1551",
+    "Health rule is not in the bundle",
+    "With --mode, a bundle is a system of one mode. Rules that switch to another mode are left out; all others stay.",
+)
 REGULATORS_LEFT_ALONE = warning(
     "HAL1505",
     "Runtime does not start the regulators",

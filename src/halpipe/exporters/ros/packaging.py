@@ -184,7 +184,9 @@ def _refuse_old_messages(model: TaskModel, options: RosOptions, findings: Findin
 def sentences(model: TaskModel, schedule: Schedule) -> Iterator[tuple[str, str]]:
     """Yield what the package leaves open of this very schedule, and what to do about it."""
     jobs = schedule.all_jobs()
-    if left := dict.fromkeys(rule.task for rule in model.health if not is_followed(rule, catches_faults=True)):
+    if left := dict.fromkeys(
+        rule.task for rule in model.health if not is_followed(rule, schedule, catches_faults=True)
+    ):
         names = ", ".join(f'"{name}"' for name in left)
         yield (
             f"health rules are not followed, but for switches after one overrun or exception: {names}",

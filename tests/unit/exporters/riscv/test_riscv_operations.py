@@ -9,7 +9,7 @@ import pytest
 from halpipe.core.diagnostics import Findings, Location
 from halpipe.core.durations import Duration
 from halpipe.exporters.riscv import FORMAT, RiscvOptions
-from halpipe.exporters.riscv.codes import OFF_GRID, PHASE_ORDER, REGULATORS_LEFT_ALONE
+from halpipe.exporters.riscv.codes import OFF_GRID, PHASE_ORDER, REGULATORS_LEFT_ALONE, RULE_LEFT_OUT
 from halpipe.exporters.riscv.copies import Copies, turns_of
 from halpipe.exporters.riscv.cores import MainMemory, Slots, cores_of
 from halpipe.exporters.riscv.drivers import NONE, Driver, Drivers
@@ -35,10 +35,10 @@ from halpipe.exporters.riscv.profile import Region, Watchdog, read_profile
 from halpipe.exporters.riscv.render import Health
 from halpipe.exporters.riscv.target import _board, _json
 from halpipe.exporters.riscv.toolchain import Elf, Segment, Symbol
-from halpipe.models import AccessKind, ModeSchedule, Status, TransitionTable
+from halpipe.models import AccessKind, HealthAction, HealthRule, ModeSchedule, Status, TransitionTable
 from halpipe.models import Part as JobPart
 from riscv_models import PHASES, deployed, moving, single
-from support import job, model, ms, schedule
+from support import job, mode, model, ms, schedule, task, version
 
 US = Duration.parse("1us")
 CLOCK = Clock(US, US * 2, {"memory": 400_000_000})
@@ -313,3 +313,20 @@ def test_regulators_without_registers_are_left_alone(header, is_left):
     assert [(d.code, d.at.file) for d in found] == [(REGULATORS_LEFT_ALONE.id, "p.yaml")] * is_left
     del contents["regulator/report.json"]
     assert FORMAT.remarks(model(), None, RiscvOptions(), contents) == []
+
+
+def test_a_bundle_of_one_mode_has_no_rule_that_leads_to_another(monkeypatch):
+    a = task("a", 10, version("v", 1, "u1"))
+    stop = HealthRule(task="a", action=HealthAction.STOP)
+    rules = (stop, HealthRule(task="a", mode="n"), HealthRule(task="a", mode="m"))
+    system = replace(model(a, units="u1", modes=[mode("m", [a]), mode("n", [a])]), health=rules)
+    (table,) = schedule(system, 10, job(system, "a", 0, 0, "u1"), mode_name="m").modes
+    plan = replace(schedule(system, 10), modes=(table, replace(table, name="n")))
+    built = []
+    monkeypatch.setattr("halpipe.exporters.riscv.bundle.build", lambda model, *_: built.append(model) or {})
+    for chosen, kept in (("m", (stop, rules[2])), ("n", (stop, rules[1])), ("", rules)):
+        options = RiscvOptions(mode=chosen)
+        FORMAT.write(system, plan, options)
+        assert built.pop().health == kept
+        told = FORMAT.remarks(system, plan, options, {})
+        assert [d.code for d in told] == [RULE_LEFT_OUT.id] * (len(rules) - len(kept))
