@@ -231,6 +231,8 @@ EQUIVALENT = {
     ("works.py", "if any((distance <= 1 for distance, _ in service)) or interrupt_load(service) >= 1:"): "an interrupt takes a tick at least, so that one each tick fills the unit",
     ("problem.py", "stretches = [(self.hyperperiod - 1 >> s) + 2 for s in shift]"): "a stretch more than is used",
     ("widen.py", "ROUNDS = (30, 301)"): BUDGET,
+    ("limits.py", "DEFAULT_WORK = 61"): BUDGET,
+    ("search.py", "JUDGING = 17"): BUDGET,
     ("slices.py", "SLICE_WORK = 20001"): "the outcome is the same for any size of slices",
     ("limits.py", "stated = max([1, *arrays.row.column(1), *arrays.chain_limit.flat, *arrays.chain_latency])"): "far below the limit as well",
     ("optimise.py", "if found.values <= worth.values and judge.keeps(first, found):"): "what the exact engine returns has shorter chains",

@@ -10,7 +10,8 @@ from halpipe.models import Status
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.solve import exact, one_mode, relay
 from halpipe.pipeline.solve.codes import GROUP_NOT_FOUND
-from halpipe.pipeline.solve.groups import independent_groups
+from halpipe.pipeline.solve.groups import independent_groups, search_groups
+from halpipe.pipeline.solve.one_mode import Found
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
 from halpipe.pipeline.solve.workers import Workers
 from halpipe.pipeline.verify import verify
@@ -84,6 +85,36 @@ def test_a_group_without_a_schedule_is_named_and_the_others_have_one():
     assert "one of 3 independent groups" in named.message
     assert "tasks h0, h1, h2 on units u2, u3" in named.message
     assert len(result.schedule.modes[0].jobs) == 7
+
+
+@pytest.mark.parametrize(
+    ("budget", "asked"),
+    [
+        (5000, [("first", 2000), ("group", 5000)]),
+        (None, [("first", 2000), ("group", None)]),
+        (2000, [("first", 2000)]),
+        (500, [("first", 500)]),
+    ],
+)
+def test_groups_without_a_schedule_are_searched_once_more_with_the_whole_budget(budget, asked):
+    """The first two of three find nothing at first, the second one never does: no other group is touched then."""
+    system, made = corners(hard=False), []
+    expansion, whole = expand(system, system.modes[0]), found(system).schedule.modes[0]
+
+    def search(its, part, options, key, _tell):
+        made.append((key, options.budget, options.spare))
+        is_valid = key in ("first2", "group0")
+        table = replace(whole, jobs=tuple(job for job in whole.jobs if job.task in part.by_name))
+        return Found(replace(table, status=Status.VALID if is_valid else Status.NOT_FOUND), [], moves=len(made))
+
+    options = SearchOptions(budget=budget, spare=90)
+    result = search_groups(system, expansion, independent_groups(system, expansion), options, lambda *_: True, search)
+    expected = [(f"{key}{n}", moves, 30) for key, moves in asked for n in range(3 if key == "first" else 2)]
+    assert made == expected
+    assert result.moves == sum(range(1, len(expected) + 1))
+    assert sorted(job.task for job in result.table.jobs) == sorted(job.task for job in whole.jobs)
+    failed = [each.message for each in result.diagnostics if each.code == GROUP_NOT_FOUND.id]
+    assert len(failed) == (1 if len(asked) == 2 else 2)
 
 
 def test_a_stop_reaches_all_groups():

@@ -6,6 +6,7 @@ import json
 import random
 from dataclasses import replace
 from fractions import Fraction
+from types import SimpleNamespace
 
 import pytest
 from split_helpers import interrupts, points, split
@@ -22,7 +23,8 @@ from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure.objectives import Objective
 from halpipe.pipeline.solve import one_mode
 from halpipe.pipeline.solve.codes import TOO_LARGE
-from halpipe.pipeline.solve.kernel.widen import NO_WIDER
+from halpipe.pipeline.solve.kernel.search import Outcome
+from halpipe.pipeline.solve.kernel.widen import NO_WIDER, ROUNDS, STEP, Wider
 from halpipe.pipeline.solve.optimise import Reached
 from halpipe.pipeline.solve.schedule import SPARE, SearchOptions
 from halpipe.pipeline.solve.workers import Workers
@@ -347,6 +349,21 @@ def test_tries_for_the_margin_of_preemptive_jobs_have_their_efforts(monkeypatch,
     assert found(owner, budget=300, spare=spare).schedule.modes[0].status is Status.VALID
     plain, finer, any_of_them = asked
     assert (plain[3:], finer[3:], any_of_them[0]) == ((1, efforts[0]), (5, efforts[1], "finer"), efforts[2])
+
+
+@pytest.mark.parametrize(("cost", "jobs"), [(0, ("some",)), (3, None)])
+def test_the_least_margin_is_tried_with_all_the_effort_while_a_schedule_is_known(cost, jobs):
+    """What is told is that it costs nothing, as the schedule does that is there."""
+    told, begun = [], []
+
+    def begin(*given):
+        begun.append(given)
+        return lambda effort, tell: tell(7, 5) or Outcome(("some",), cost, effort, stopped=True)
+
+    search = SimpleNamespace(kept=None, name="m", budget=99, on_progress=lambda *given: told.append(given))
+    found = one_mode._SplitJobs._any_margin(search, begin, 40, 10)
+    assert (begun, told) == ([(STEP, len(ROUNDS), None)], [("m", 17, 99, 0)])
+    assert found == Wider(jobs, STEP, 40, stopped=True)
 
 
 def test_a_margin_keeps_the_versions_that_were_chosen():

@@ -300,6 +300,17 @@ def test_a_polling_task_may_run_for_longer_than_arrivals_are_apart():
     assert not options_of(build(model(replace(polled, deadline=ms(8)), other, units="u1 u2")))
 
 
+def test_phases_lie_in_the_first_period_of_tasks_with_several_jobs_that_a_cycle_names():
+    cycle = replace(after("a", 0, 9), match=Match.CYCLE), replace(after("b", 0, 9), match=Match.CYCLE)
+    system = model(
+        task("a", 10, version()),
+        task("b", 20, version()),
+        task("c", 10, version("v", 1, "u1", *cycle)),
+        task("d", 10, version("v", 1, "u1", after("a", 0, 9))),
+    )
+    assert build(system).arrays.task_first.tolist() == [1, 0, 1, 0]
+
+
 def test_lanes_have_room_for_what_may_land_there_and_stretches_up_to_the_last_tick():
     """Of 65 ticks, with 13 jobs and 5: three breakpoints each, in stretches of 16 ticks; two phases of each of 13."""
     twice = version("v", 2, "u1", access("r", 0, 1, "1/2"), access("r", 1, 2))

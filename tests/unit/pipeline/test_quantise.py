@@ -207,6 +207,15 @@ def test_a_window_that_is_all_overshoot():
     assert found[0].help == "use a window of at least 1010 cycles"
 
 
+@pytest.mark.parametrize(("reserve", "is_refused"), [(6336, False), (6337, True)])
+def test_one_burst_beside_what_is_kept_is_room_enough(reserve, is_refused):
+    t = task("t", 10, version("v", 2, "u1", access("mem", 0, 1, "1/200")))
+    if is_refused:
+        assert [d.code for d in refusal(t, reserve=reserve)] == [codes.GRID_ROOM.id]
+    else:
+        assert [access.bound for access in only(on_grid(t, reserve=reserve)).accesses] == [1]
+
+
 def test_a_resource_that_is_not_there():
     for name in ("mme", ""):
         (found,) = refusal(task("t", 10, version("v", 2, "u1")), resource=name)

@@ -125,9 +125,12 @@ def test_every_mode_is_searched_and_the_chosen_ones_only_if_asked():
 
 
 def test_a_mode_waits_for_those_before_it_up_to_the_one_that_has_all_jobs_of_its_tasks():
-    a, long = task("a", 10, version()), task("long", 20, version())
-    modes = [mode("half", [a]), mode("full", [a, long]), mode("again", [a, long]), mode("last", [a, long])]
-    system = model(a, long, modes=modes)
+    """Of jobs on demand, another mode may have others."""
+    a, long, other = task("a", 10, version()), task("long", 20, version()), task("other", 20, version())
+    asks, h = task("asks", 20, version("v", 1, "u1", after("h", 0, 9))), task("h", None, version())
+    runs = {"half": [a], "full": [a, long], "again": [a, long], "last": [a, other], "one": [asks, h], "two": [asks, h]}
+    modes = [mode(name, tasks) for name, tasks in {**runs, "three": [asks, h]}.items()]
+    system = model(a, long, other, asks, h, modes=modes)
     tables = found(system).schedule.modes
     search = _Modes(system, [expand(system, each) for each in modes], SearchOptions(), lambda *_: True, {})
     known = {number: Found(table, []) for number, table in enumerate(tables)}
@@ -135,6 +138,8 @@ def test_a_mode_waits_for_those_before_it_up_to_the_one_that_has_all_jobs_of_its
     assert search._start(3, {}) is search._start(3, {0: known[0]}) is None  # of the two jobs of a, one is known
     assert search._start(3, {0: known[0], 1: known[1]}) == search._start(3, known)
     assert search._start(3, {0: known[0], 1: failed}) is None
+    assert search._start(6, {4: known[4]}) is None
+    assert search._start(6, {4: known[4], 5: known[5]}) == search._start(6, known)
 
 
 def test_a_search_that_is_stopped_leaves_the_modes_after_it():
