@@ -321,8 +321,12 @@ def test_lanes_have_room_for_what_may_land_there_and_stretches_up_to_the_last_ti
     assert (arrays.hyperperiod, arrays.owner_first.tolist()) == (65, [0, 13 + 5, 18 + 2 * 13])
     assert arrays.lane_first.tolist() == [0, 3 * 18 + 4, 58 + 3 * 26 + 4]
     assert (arrays.guide_shift.tolist(), arrays.guide_first.tolist()) == ([4, 4], [0, 5, 10])
+    other = build(model(task("a", 9, version()), task("b", 21, version()))).arrays
+    assert (other.hyperperiod, other.guide_shift.tolist(), other.guide_first.tolist()) == (63, [4], [0, 4])
     few = build(model(task("a", 13, version()), task("b", 13, version()))).arrays
     assert (few.guide_shift.tolist(), few.guide_first.tolist()) == ([4], [0, 1])
+    many = build(model(*(task(f"t{n}", 1, version("v", 1, "u1 u2")) for n in range(20)), units="u1 u2")).arrays
+    assert (many.hyperperiod, many.guide_shift.tolist(), many.guide_first.tolist()) == (1, [0], [0, 1])
 
 
 # ------------------------------------------------------------------------------------------------ windows
