@@ -35,7 +35,7 @@ _REASONS = {
         SW-CODE-SYNTAX INTERPOLATION-ROUTINE-MAPPING-SET PER-INSTANCE-MEMORY
     """,
     "interfaces and ports: which data, not when": """
-        BSW-MODULE-ENTRY CLIENT-SERVER-INTERFACE* CLIENT-SERVER-OPERATION DATA-ELEMENT-PROTOTYPE
+        BSW-MODULE-*ENTRY CLIENT-SERVER-INTERFACE* CLIENT-SERVER-OPERATION DATA-ELEMENT-PROTOTYPE
         OPERATION-PROTOTYPE MODE-DECLARATION-GROUP-PROTOTYPE MODE-DECLARATION-MAPPING-SET MODE-GROUP
         MODE-SWITCH-INTERFACE MODE-SWITCH-POINT NV-DATA-INTERFACE P-PORT-PROTOTYPE PARAMETER-ACCESS
         PARAMETER-INTERFACE PORT-INTERFACE-MAPPING* PORT-GROUP PR-PORT-PROTOTYPE R-PORT-PROTOTYPE
@@ -78,10 +78,10 @@ _REASONS = {
     """,
     "the OS itself: its hooks, modes, memory and timers": """
         ArcOs* OsAppMode OsApplicationHooks OsApplicationTrustedFunction OsCore OsCoreStacks
-        OsDerivativeInformation OsDriver OsHardwareTimer* OsHooks OsImplementationInformation
+        OsDerivativeInformation OsDriver OsHardwareTimer* OsHook* OsImplementationInformation
         OsInterruptSupportedType OsIoc* OsMemoryRegion* OsOS OsOS* OsPeripheralArea OsPhysicalCore*
         OsPublishedInformation OsStack* OsSystemIntCtrl* OsSystemMpu OsModeEntryModule OsDSMCModule OsTimeConstant
-        OsCounterTimeConstant ALL AUTO Automatic FALSE Standard TRUE
+        OsCounterTimeConstant OsInclude OsOsStack ALL AUTO Automatic FALSE Standard TRUE
         OsCoreXSignalChannel OsInterruptRouting OsMemoryProtection OsMicrokernel MkFunction MkMemoryProtection MkStack
     """,
     "general settings of Rte and EcuC": """
