@@ -133,6 +133,7 @@ def test_a_node_that_reads_its_own_topic_does_not_precede_itself(tmp_path):
 
 def test_tools_and_plumbing_are_left_out(tmp_path):
     tools = ("/rqt_gui_py_node_7", "/rviz", "/c/rviz2", "/launch_ros_99", "/a/transform_listener_impl_0f3", "/rosout")
+    tools += ("/caret_trace_0f3_4a",)
     text = 'digraph { "/a" -> "/b" [label="/x\\n10 Hz"];' + "".join(f'"/a" -> "{tool}" [label="/x"];' for tool in tools)
     topics = ("/rosout", "/parameter_events", "/tf_static", "/clock", "/go/_action/status", "/robot1/tf", "/m/bond")
     text += "".join(f'"/b" -> "/a" [label="{topic}"];' for topic in topics) + "}"

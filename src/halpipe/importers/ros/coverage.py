@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from halpipe.importers.ros.dataflow import DataFlow
 
 _TOOLS = re.compile(
-    r"/(.*/)?((rqt|rviz|_ros2cli|rosbag2_recorder)[^/]*(/.*)?|launch_ros_[0-9]+|transform_listener_impl_\w+)|/rosout"
+    r"/(.*/)?((rqt|rviz|_ros2cli|rosbag2_recorder|caret_trace_)[^/]*(/.*)?|launch_ros_[0-9]+"
+    r"|transform_listener_impl_\w+)|/rosout"
 )
 _PLUMBING = re.compile(r"/(rosout(_agg)?|parameter_events|clock|statistics)|/(.*/)?(tf(_static)?|bond|_action(/.*)?)")
 
