@@ -188,6 +188,23 @@ def test_wildcards_stand_for_the_same_on_both_sides(tmp_path, wild):
     assert not found(imported.diagnostics, codes.LOOSE_CONNECTION)
 
 
+@pytest.mark.parametrize("wild", ["^", "*", "+"])
+def test_wildcards_stand_for_instances_too(tmp_path, wild):
+    """Each kind of wildcard stands for one text; where a kind is on one side only, each of its ports is meant."""
+    module = (
+        "instances: [{name: left, entity: Listener.node}, {name: right, entity: Listener.node}]\n"
+        "subscribers: [{name: left/raw}, {name: right/raw}]\npublishers: []\n"
+        f"connections: [[subscriber.{wild}/raw, '{wild}.subscriber.in']]\n"
+    )
+    system = PAIR.replace("b, entity: Listener.node", "b, entity: Both.module").replace(
+        "[a.publisher.out, b.subscriber.in]", f"[a.publisher.out, b.subscriber.{wild}ght/raw]"
+    )
+    folder = design(tmp_path, S__system=system, Talker__node=TALKER, Listener__node=LISTENER, Both__module=module)
+    imported = read(folder, sources={"/b/input/left/raw": "50ms"})
+    assert periods(imported) == {"/a": "100ms", "/b/left": "50ms", "/b/right": "100ms"}
+    assert not found(imported.diagnostics, codes.LOOSE_CONNECTION)
+
+
 def test_pairs_may_be_in_any_order_or_mappings(tmp_path):
     system = PAIR.replace("[a.publisher.out, b.subscriber.in]", "{to: b.subscriber.in, from: a.publisher.out}")
     assert predecessors(read(pair(tmp_path, system)))["/b"] == ["/a"]

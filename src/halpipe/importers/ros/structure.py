@@ -1,8 +1,9 @@
 """Structure of an Autoware System Design: entities with inheritance resolved, node instances, and connected ports.
 
 A connection joins two ports, in either order: ``instance.publisher.port`` or, at the edge of a module,
-``publisher.port`` and ``subscriber.port``. ``*`` and ``^`` stand for any text, the same on both sides. Ports of modules
-hand on what they get. Connections of services are no flow of data and are left out.
+``publisher.port`` and ``subscriber.port``. ``*``, ``^`` and ``+`` stand for any text, in names of instances, too, and
+each for the same on both sides. Ports of modules hand on what they get. Connections of services are no flow of data and
+are left out.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from halpipe.importers.ros.graph import printable
 from halpipe.importers.ros.yaml_reader import Reader
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Collection, Iterable, Iterator
 
 
 FORMAT_KEY = "autoware_system_design_format"
@@ -193,7 +194,7 @@ PUBLISHER, SUBSCRIBER = "publisher", "subscriber"
 MOST_INSTANCES = 20_000
 _LISTS = {PUBLISHER: ("publishers", "outputs"), SUBSCRIBER: ("subscribers", "inputs")}
 _SIDES = {"publisher": PUBLISHER, "output": PUBLISHER, "subscriber": SUBSCRIBER, "input": SUBSCRIBER}
-_WILD = re.compile(r"[*^]")
+_WILD = re.compile(r"[*^+]")
 
 
 class Port(NamedTuple):
@@ -325,7 +326,7 @@ class Structure:
             return
         joined = False
         for (first, wild), (second, other) in product(found[0] or (), found[1] or ()):
-            if wild is not None and other is not None and wild != other:
+            if not _is_same(wild, other):
                 continue
             giver, taker = (first, second) if self._gives(first, scope) else (second, first)
             if self._gives(giver, scope) and not self._gives(taker, scope):
@@ -340,21 +341,23 @@ class Structure:
         """Return whether data comes from a port, seen from inside of `scope`."""
         return (port.side == SUBSCRIBER) == (port.path == scope.path)
 
-    def _ports(self, end: str, scope: _Scope, at: Location) -> list[tuple[Port, str | None]] | None:
-        """Return the ports that one end means, with what its wildcard stands for; None where a file is missing."""
+    def _ports(self, end: str, scope: _Scope, at: Location) -> list[tuple[Port, _Wild]] | None:
+        """Return the ports that one end means, with what its wildcards stand for; None where a file is missing."""
         owner, side, name = _split(end)
         if side and not owner:
-            path, ports = scope.path, scope.own
-        elif side and owner in scope.inner:
-            path, ports = scope.inner[owner]
-        elif side and owner in scope.absent:
-            return None
-        else:
+            return [(Port(scope.path, side, port), wild) for port, wild in _matching(name, scope.own[side])]
+        instances = [(*scope.inner[key], wild) for key, wild in _matching(owner, scope.inner)]
+        if side and instances:
+            return [
+                (Port(path, side, port), wild + more)
+                for path, ports, wild in instances
+                for port, more in _matching(name, ports[side])
+            ]
+        if not (side and any(_matching(owner, scope.absent))):
             help = did_you_mean(owner, scope.inner, "write instance.publisher.port or instance.subscriber.port")
             text = f'"{end}" is no port of an instance'
             self.catalogue.findings.add(codes.LOOSE_CONNECTION(text, at=at, path=scope.label, help=help))
-            return None
-        return [(Port(path, side, port), wild) for port, wild in _matching(name, ports[side])]
+        return None
 
     # ---------------------------------------------------------------------------------------------- topics
 
@@ -413,12 +416,22 @@ def _is_service(end: str) -> bool:
     return any(part in ("server", "client") for part in end.split(".")[:2])
 
 
-def _matching(name: str, ports: dict[str, None]) -> Iterator[tuple[str, str | None]]:
-    if not _WILD.search(name):
-        if name in ports:
-            yield name, None
-        return
-    before, after = _WILD.split(name, maxsplit=1)
-    for port in ports:
-        if port.startswith(before) and port.endswith(after) and len(port) >= len(before) + len(after):
-            yield port, port[len(before) : len(port) - len(after) if after else None]
+_Wild = tuple[tuple[str, str], ...]
+"""Wildcards of one end with what they stand for, in their order."""
+
+
+def _matching(pattern: str, names: Collection[str]) -> Iterator[tuple[str, _Wild]]:
+    wild = _WILD.findall(pattern)
+    if not wild:
+        names = (pattern,) if pattern in names else ()
+    expression = re.compile("(.*?)".join(re.escape(part) for part in _WILD.split(pattern)))
+    for name in names:
+        if found := expression.fullmatch(name):
+            yield name, tuple(zip(wild, found.groups(), strict=True))
+
+
+def _is_same(first: _Wild, second: _Wild) -> bool:
+    """Return whether wildcards of two ends stand for the same: those of one kind, or all where no kind is on both."""
+    common = {mark for mark, _ in first} & {mark for mark, _ in second}
+    texts = [[text for mark, text in each if not common or mark in common] for each in (first, second)]
+    return not all(texts) or texts[0] == texts[1]
