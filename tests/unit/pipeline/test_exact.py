@@ -518,3 +518,28 @@ def test_keys_by_which_jobs_of_a_chain_are_compared_stay_within_64_bits(most, is
     figures = Figures(build(expand(system, system.modes[0]), system, (), Groups), chain("c", "a"))
     with pytest.raises(TooLarge) if is_refused else nullcontext():
         figures._chosen([], [], [], 1, most)
+
+
+@pytest.mark.parametrize(("age", "expected"), [(22, True), ("21.9ms", False)])
+def test_data_that_is_written_while_a_job_runs_is_for_the_next_one(age, expected):
+    """c runs from 1 to 4 ms, and a ends at 2 ms: what c has is that of the cycle before, even if ends are counted."""
+    first, last = task("a", 20, version("v", 2), offset=0), task("c", 20, version("v", 3, "u2"), offset=1)
+    counted = replace(chain("c", "a c", age=age), anchor=Anchor.END)
+    assert holds(model(first, last, units="u1 u2", chains=[counted])) is expected
+
+
+@pytest.mark.parametrize(
+    ("anchor", "age", "expected"),
+    [(Anchor.END, 1, True), (Anchor.START, 2, True), (Anchor.START, 1, False), (None, 2, True), (None, 1, False)],
+)
+def test_the_age_of_a_chain_of_one_task_is_that_between_its_own_instants(anchor, age, expected):
+    counted = replace(chain("c", "a", age=age), anchor=anchor)
+    assert holds(model(task("a", 20, version("v", 2)), chains=[counted])) is expected
+
+
+@pytest.mark.parametrize(("age", "expected"), [(24, True), ("23.9ms", False)])
+def test_data_of_a_task_of_several_versions_is_written_at_the_end_of_the_one_taken(age, expected):
+    """Only the version of 4 ms has room; b reads at 3 ms what the job before that has written."""
+    either = task("a", 20, version("v", 2, "u1"), version("w", 4, "u2"), offset=0)
+    others = task("full", 20, version("v", 20)), task("b", 20, version("v", 1, "u3"), offset=3)
+    assert holds(model(either, *others, units="u1 u2 u3", chains=[chain("c", "a b", age=age)])) is expected
