@@ -11,7 +11,17 @@ from halpipe.models import Anchor, Split
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure.objectives import MEASURES, Judge, Objective, Worth, whole_weights
 from halpipe.pipeline.solve import exact_goals
-from halpipe.pipeline.solve.optimise import Reached, chain_bounds, finish, polish_of
+from halpipe.pipeline.solve.optimise import (
+    DELAYS,
+    UNITS,
+    Reached,
+    chain_bounds,
+    finish,
+    lower_bound,
+    polish_of,
+    stages_of,
+    value_text,
+)
 from support import after, chain, job, model, ms, task, version
 
 JITTER, PREEMPTIONS, CHAINS, COST = Objective.JITTER, Objective.PREEMPTIONS, Objective.CHAINS, Objective.COST
@@ -81,13 +91,49 @@ def test_what_the_exact_engine_finds_is_kept_if_it_is_better_and_nothing_is_wors
         placed = ("a", 0, 0, "u1"), ("b", 0, second, "u2"), ("j", 0, 0, "u3"), ("j", 1, last, "u3")
         return tuple(job(system, *each) for each in placed)
 
-    other, bound = jobs(*starts), Fraction(ms(1).ns)
-    monkeypatch.setattr(exact_goals, "shortest_chains", lambda *_: exact_goals.Shortest(bound, other, stopped=True))
+    other, bound, asked = jobs(*starts), Fraction(ms(1).ns), []
+
+    def shortest(_model, _expansion, _jobs, now, least, effort):
+        asked.append((now, list(least.values()), effort.seed))
+        return exact_goals.Shortest(bound, other, stopped=True)
+
+    monkeypatch.setattr(exact_goals, "shortest_chains", shortest)
     wanted = polish_of(system, expand(system, system.modes[0]), (CHAINS, JITTER), None, 1, lambda _: None, None)
-    end = finish(wanted, jobs(10, 10), 1, lambda: True, is_free=True)
+    plain = finish(wanted, jobs(10, 10), 1, lambda: True, is_free=False)
+    assert (plain.jobs, plain.stopped, asked) == (jobs(10, 10), False, [])
+    end = finish(wanted, jobs(10, 10), 7, lambda: True, is_free=True)
+    assert asked == [(ms(42).ns, [ms(22 + 2).ns], 7)]
     assert (end.jobs, end.stopped) == (other if is_kept else jobs(10, 10), True)
     rows = [(row.first, row.value, row.bound) for row in end.reached]
     assert rows == [(ms(42).ns, ms(32 if is_kept else 42).ns, bound), (0, 0, 0)]
+
+
+def test_an_objective_may_cost_what_comes_after_it_but_nothing_before():
+    stages = [*stages_of((Objective.MARGIN, COST, JITTER))]
+    assert stages == [(Objective.MARGIN, 1), (DELAYS, 2), (UNITS, 2), (DELAYS, 2), (JITTER, 3)]
+
+
+@pytest.mark.parametrize(
+    ("objective", "value", "text"),
+    [
+        (COST, 0, "0"),
+        (COST, "1/2", "0.5"),
+        (COST, "-1/3", "-1/3"),
+        (PREEMPTIONS, 3, "3"),
+        (CHAINS, 1_500_000, "1.5ms"),
+        (Objective.MARGIN, "-1/4", "25 %"),
+    ],
+)
+def test_values_are_shown_in_their_units(objective, value, text):
+    assert value_text(objective, Fraction(value)) == text
+
+
+def test_bounds_of_objectives_are_those_of_the_model():
+    """A reaction takes 20 ms and 2 ms, an age 2 ms; of a margin, the unit is full after 8 ms more."""
+    heavy = replace(chain("c", "a"), weight=Fraction(3, 2))
+    system = model(task("a", 20, version("v", 2)), task("b", 20, version("v", 2)), chains=[heavy, chain("d", "x a")])
+    bounds = {each: lower_bound(each, system, expand(system, system.modes[0])) for each in Objective}
+    assert bounds == {CHAINS: ms(36).ns, JITTER: 0, PREEMPTIONS: 0, COST: None, Objective.MARGIN: -4}
 
 
 @pytest.mark.parametrize(
