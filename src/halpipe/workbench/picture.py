@@ -53,7 +53,7 @@ def picture(session: Session) -> Plain:
         "beside": beside and {"kind": session.lower[0], "name": beside.name, "found": beside.found[:MOST]},
         "variants": list(session.variants),
         "forms": [
-            *_chains(state.model, state.schedule if state.solved else None),
+            *_chains(state.model, state.schedule if state.is_valid else None),
             *_windows(state.model),
             *_modes(state.model),
         ],

@@ -15,6 +15,7 @@ from halpipe.core.records import record
 from halpipe.exporters.native import format_model
 from halpipe.importers.native import parse_model
 from halpipe.pipeline.checked import schedule_model
+from halpipe.pipeline.solve.codes import CANNOT_STAY
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.solve.workers import Workers
 from halpipe.pipeline.stable import moved_jobs, settled
@@ -43,6 +44,11 @@ NO_VARIANT = error(
 )
 NOT_PROVEN = error(
     "HAL0957", "Nothing to export", "Only a schedule that has passed verify, of the model as it is shown, is exported."
+)
+UNTENABLE = error(
+    "HAL0962",
+    "Pinned task cannot stay",
+    "Pinned jobs keep start and units. Offset, slack, deadline, LET, units or split points of the task forbid that.",
 )
 NO_SUCH_JOB = error("HAL0954", "There is no such job", "A job is named by its mode, its task and its number.")
 
@@ -306,7 +312,8 @@ class Session:
         schedule = self.state.schedule
         modes = {} if schedule is None else {mode.name: mode for mode in schedule.modes}
         jobs = {job.index: job for job in modes[pin.mode].jobs if job.task == pin.task} if pin.mode in modes else {}
-        if pin.index not in jobs:
+        task = next((task for task in self.state.model.tasks if task.name == pin.task), None)
+        if pin.index not in jobs or task is None:  # what is drawn may be the schedule of another model
             message = f'mode "{pin.mode}" has no job {pin.index} of "{pin.task}"'
             raise HalpipeError(NO_SUCH_JOB(message, help="choose one that is shown"))
         if pin.unit and pin.unit not in {unit.name for unit in self.state.model.units}:
@@ -314,7 +321,7 @@ class Session:
             raise HalpipeError(BAD_EDIT(text, path=about(task=pin.task), help="choose one that is shown"))
         length = modes[pin.mode].hyperperiod
         moved = pin.start - jobs[pin.index].start
-        rigid = not self.state.model.task(pin.task).slack
+        rigid = not task.slack
         held = []
         for job in jobs.values():
             start = (job.start + moved) % length if rigid or job.index == pin.index else job.start
@@ -340,7 +347,11 @@ class Session:
                 kept and before and len(scheduled.schedule.transitions) < len(before.transitions)
             ):  # other modes may help
                 scheduled = schedule_model(model, options, self._on_progress)
-            if scheduled.is_complete:
+            lost = [found for found in scheduled.diagnostics if shipped and found.code == CANNOT_STAY.id]
+            if lost:
+                text, help = "cannot stay where it is pinned", "undo, or unpin all and drag it to another place"
+                findings = [UNTENABLE(text, at=found.at, path=found.path, help=help) for found in lost]
+            elif scheduled.is_complete:
                 schedule = scheduled.schedule
             else:
                 from halpipe.pipeline.checked import explain_failure

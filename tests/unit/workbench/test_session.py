@@ -16,6 +16,7 @@ from halpipe.exporters.report import ReportOptions
 from halpipe.exporters.report import scene as drawing
 from halpipe.exporters.report.scene import scene
 from halpipe.importers.native import parse_model, read_model
+from halpipe.models import Chain
 from halpipe.pipeline.checked import verify_schedule
 from halpipe.pipeline.whatif.sensitivity import sensitivities
 from halpipe.starters import first_model
@@ -188,6 +189,38 @@ def test_only_the_pinned_job_of_a_task_with_slack_moves(tmp_path):
     session.pin(Pin("all", "steer", 1, before[1] + ms(2)))
     assert session.state.is_valid, session.state.findings
     assert starts() == {0: before[0], 1: before[1] + ms(2)}
+
+
+def test_a_pin_that_the_task_does_not_allow_is_refused(tmp_path):
+    """The job would start later than its slack lets it; the search places it elsewhere, which nobody asked for."""
+    path = tmp_path / "model.xml"
+    steer = task("steer", "10ms", version("v", "1ms", "u1"), slack="1/2", offset="0ms")
+    path.write_bytes(format_model(model(steer, units="u1")))
+    session = Session(str(path))
+    session.begin()
+    before = session.state.schedule
+    session.pin(Pin("all", "steer", 0, ms(6)))
+    assert (session.state.is_valid, session.state.schedule) == (False, before)
+    assert [(d.code, d.path) for d in session.state.findings] == [("HAL0962", 'mode "all" task "steer"')]
+    session.edit(Edit("task", "steer", "slack", "1"))
+    assert session.state.is_valid
+    assert session.state.schedule.modes[0].jobs[0].start == ms(6)
+
+
+def test_a_task_that_is_gone_is_drawn_and_cannot_be_pinned(tmp_path):
+    """The chain of the schedule before has jobs of a task that the model has not any more."""
+    path = tmp_path / "model.xml"
+    a, b = (task(name, "10ms", version("v", "1ms", "u1")) for name in "ab")
+    path.write_bytes(format_model(replace(model(a, b, units="u1"), chains=(Chain(name="c", tasks=("a", "b")),))))
+    session = Session(str(path))
+    session.begin()
+    session.edit(Edit("version", "b", "wcet", "20ms", "v"))
+    session.edit(Edit("remove", "a", "task", ""))
+    assert not session.state.is_valid
+    assert figures_of_chains(picture(session)) == []
+    with pytest.raises(HalpipeError) as refused:
+        session.pin(Pin("all", "a", 0, ms(1)))
+    assert refused.value.diagnostics[0].code == "HAL0954"
 
 
 def test_jobs_without_slack_move_with_the_pinned_one(session):
