@@ -349,14 +349,16 @@ def _meet(one: Job, other: Job, length: Duration) -> bool:
 
 
 def _together(held: Schedule | None, kept: Schedule) -> Schedule:
-    """Return the kept jobs with those held; of a task that is held, with those alone."""
+    """Return the kept jobs with those held; of a task that is held there, or on other units elsewhere, no others."""
     if held is None:
         return kept
     stays = {mode.name: mode.jobs for mode in held.modes}
+    units = grouped((job.task, {*job.units}) for mode in held.modes for job in mode.jobs)
     modes = []
     for mode in kept.modes:
         own = stays.get(mode.name, ())
         tasks = {job.task for job in own}
+        tasks |= {job.task for job in mode.jobs if job.task in units and {*job.units} not in units[job.task]}
         modes.append(replace(mode, jobs=(*own, *(job for job in mode.jobs if job.task not in tasks))))
     return kept.alone(tuple(modes))
 

@@ -382,6 +382,23 @@ def test_tasks_without_migration_tie_their_modes_together():
     assert kept(both)[0] == ""
 
 
+def test_a_bound_task_that_is_held_in_one_mode_goes_with_it_in_the_others():
+    a, b = (task(name, 10, version("v", 2, "u1 u2"), slack=1) for name in "ab")
+    bound = replace(a, binding=Binding.SYSTEM)
+    system = model(bound, b, units="u1 u2", modes=[mode("one", [bound, b]), mode("two", [bound, b])])
+    jobs = job(system, "a", 0, 1, "u1"), job(system, "b", 0, 5, "u1")
+    one, two = (schedule(system, 10, *jobs, mode_name=name) for name in ("one", "two"))
+    near = replace(one, modes=(*one.modes, *two.modes))
+    held = schedule(system, 10, job(system, "a", 0, 3, "u2"), mode_name="two")
+    found = schedule_model(system, SearchOptions(near=near, shipped=held, budget=50), lambda *_: True)
+    assert found.is_complete
+    places = {(table.name, j.task): (j.start, j.units) for table in found.schedule.modes for j in table.jobs}
+    assert places["two", "a"] == (ms(3), ("u2",))
+    assert places["one", "a"] == (ms(1), ("u2",))
+    assert {places["one", "b"], places["two", "b"]} == {(ms(5), ("u1",))}
+    assert CANNOT_STAY.id not in {each.code for each in found.diagnostics}
+
+
 def test_tasks_that_held_jobs_would_meet_are_displaced_and_those_beside_them_are_not():
     rows = [("held", 4, "u1"), ("before", 2, "u1"), ("behind", 2, "u1"), ("inside", 2, "u1"), ("apart", 2, "u2")]
     owner = model(*(task(name, 10, version("v", wcet, unit)) for name, wcet, unit in rows), units="u1 u2")

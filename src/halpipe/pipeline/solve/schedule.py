@@ -267,8 +267,8 @@ class _Modes:
 
         modes = () if self.options.like is None else self.options.like.modes
         found = [job for mode in modes if mode.name == expansion.mode.name for job in mode.jobs]
-        start = Earlier(pins=self.common)
-        return start.and_then(expansion, [job for job in found if job.task in expansion.by_name])
+        start = Earlier().and_then(expansion, [job for job in found if job.task in expansion.by_name])
+        return replace(start, pins=start.pins | self.common)
 
     def _start(self, number: int, found: dict[int, Found]) -> Earlier | None:
         """Return where earlier modes put the tasks of this one; None while one that matters is not finished."""
