@@ -46,6 +46,15 @@ def test_a_loop_that_no_cut_shows_names_the_cuts_within_its_nodes(tmp_path):
     assert "2 nodes feed each other: /a, /b; cut where " in warning.message
 
 
+def test_a_group_of_topics_need_not_have_a_full_name(tmp_path):
+    """Of several topics of an action, rqt_graph draws one box, at times without the leading slash; its link tells."""
+    text = """digraph {
+    "/a" -> g -> "/b"; "/b" -> s -> "/a" [label="10 Hz"];
+    g [label="go/action_topics", shape=box3d, URL=topic_3Ago_action_topics]; s [label="/s", shape=box];
+}"""
+    assert list(periods(read(write(tmp_path, text)))) == ["/a", "/b"]
+
+
 def test_topics_view_is_accounted_for():
     imported = read("rqt_topics.dot")
     assert rows(imported) == {

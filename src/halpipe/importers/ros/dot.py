@@ -93,11 +93,12 @@ def _label(vertex: Vertex) -> str:
 
 
 def _topics(digraph: Digraph, labels: dict[str, str]) -> dict[str, None]:
-    """Return the ids of vertices that are topics: boxes with ROS names, if every edge joins a node and a topic."""
+    """Return the ids of topics: boxes with the name or link of a topic, if every edge joins a node and a topic."""
     boxes = {
         id: None
         for id, vertex in digraph.vertices.items()
-        if vertex.attributes.get("shape") in _BOXES and labels[id].startswith("/")
+        if vertex.attributes.get("shape") in _BOXES
+        and (labels[id].startswith("/") or vertex.attributes.get("URL", "").startswith("topic_"))
     }
     bipartite = all((edge.tail in boxes) != (edge.head in boxes) for edge in digraph.edges)
     return boxes if bipartite else {}
