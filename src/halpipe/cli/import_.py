@@ -110,7 +110,7 @@ def _account(coverage: Coverage, every: bool) -> list[str]:
     hidden = [(kind, read) for kind, read, mapped, _ in coverage.rows() if not mapped]
     if hidden and not every:
         total = sum(read for _, read in hidden)
-        lines.append(f"  and {counted(total, 'element')} of {counted(len(hidden), 'kind')} without influence on timing")
+        lines.append(f"  and {counted(total, 'element')} of {counted(len(hidden), 'kind')}, none mapped")
     defaults = coverage.defaulted_values
     if every:
         lines += [f"  ignored {e.kind} {e.name} ({e.at}): {e.reason}" for e in coverage.ignored_elements]

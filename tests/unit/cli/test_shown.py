@@ -55,7 +55,7 @@ def test_the_first_of_one_code_are_shown_and_the_rest_is_counted(severity, most,
             [
                 "  element  read  mapped  ignored",
                 "  task        3       2        1",
-                "  and 4 elements of 2 kinds without influence on timing",
+                "  and 4 elements of 2 kinds, none mapped",
                 "  2 values defaulted; --coverage lists them and every ignored element",
             ],
         ),
