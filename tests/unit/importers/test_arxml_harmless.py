@@ -97,6 +97,7 @@ TELLING = {
     "a table that is synchronised": {"os": [container("Os/OsScheduleTable/OsScheduleTableSync", "Sync")]},
     "a timing protection": {"os": [container("Os/OsTask/OsTaskTimingProtection", "P")]},
     "cores that wait for each other": {"os": [container("Os/OsBarrier", "B")]},
+    "a container without a definition": {"os": [named("ECUC-CONTAINER-VALUE", "C")]},
     "a point that synchronises calls": {"rtes": [container("Rte/RteOsInteraction/RteSyncPoint", "P")]},
 }
 
@@ -108,6 +109,7 @@ def test_what_may_decide_timing_is_told(tmp_path, more):
     assert told.code == "HAL0536"
     assert told.help
     assert told.at.line
+    assert "1  are" not in told.message
     assert refusal(path, strict=True).exit is Exit.UNSUPPORTED
 
 

@@ -35,7 +35,7 @@ _REASONS = {
         SW-CODE-SYNTAX INTERPOLATION-ROUTINE-MAPPING-SET PER-INSTANCE-MEMORY
     """,
     "interfaces and ports: which data, not when": """
-        BSW-MODULE-*ENTRY CLIENT-SERVER-INTERFACE* CLIENT-SERVER-OPERATION DATA-ELEMENT-PROTOTYPE
+        BSW-ENTRY-* BSW-MODULE-*ENTRY CLIENT-SERVER-INTERFACE* CLIENT-SERVER-OPERATION DATA-ELEMENT-PROTOTYPE
         OPERATION-PROTOTYPE MODE-DECLARATION-GROUP-PROTOTYPE MODE-DECLARATION-MAPPING-SET MODE-GROUP
         MODE-SWITCH-INTERFACE MODE-SWITCH-POINT NV-DATA-INTERFACE P-PORT-PROTOTYPE PARAMETER-ACCESS
         PARAMETER-INTERFACE PORT-INTERFACE-MAPPING* PORT-GROUP PR-PORT-PROTOTYPE R-PORT-PROTOTYPE
@@ -83,11 +83,12 @@ _REASONS = {
         OsPublishedInformation OsStack* OsSystemIntCtrl* OsSystemMpu OsModeEntryModule OsDSMCModule OsTimeConstant
         OsCounterTimeConstant OsInclude OsOsStack ALL AUTO Automatic FALSE Standard TRUE
         OsCoreXSignalChannel OsInterruptRouting OsMemoryProtection OsMicrokernel MkFunction MkMemoryProtection MkStack
+        OsIsrXSignalReceiver
     """,
     "general settings of Rte and EcuC": """
         BswInitialization Ecuc* InitFunction Pdu* PostbuildLoadable RteBswExclusiveAreaImpl RteBswGeneral
         RteBswRequiredModeGroupConnection RteBswRequiredTriggerConnection PublishedInformation OsCORTEX*
-        RteExclusiveAreaImplementation RteComponentTypeCalibration RteGeneration RteInitializationBehavior
+        RteExclusiveAreaImplementation RteComponentTypeCalibration RteGeneration RteInitialization*
         RteNvRamAllocation RtePostBuildVariantConfiguration RteSwComponentType VectorCommonData
         CommonPublishedInformation BswConfiguration
     """,
@@ -123,6 +124,7 @@ def is_harmless(node: Node, kind: str) -> bool:
 
 
 _NO_INFLUENCE = "no influence on timing"
+_UNDEFINED = "container without DEFINITION-REF"
 _UNUSED = {
     "OsTask": "runs no task of the model",
     "OsAlarm": "gives no task its period",
@@ -186,7 +188,7 @@ class Ledger:
         for tag, at in tree.nameless:
             coverage.ignored(tag, "(no name)", "has no SHORT-NAME", at)
         nodes = [
-            (node, kinds.get(node.path, node.tag) if node.tag == "ECUC-CONTAINER-VALUE" else node.tag)
+            (node, kinds.get(node.path, node.tag) or _UNDEFINED if node.tag == "ECUC-CONTAINER-VALUE" else node.tag)
             for node in tree.nodes()
         ]
         mapped = _with_holders(node for node, kind in nodes if (node.path, kind) in self._mapped)
