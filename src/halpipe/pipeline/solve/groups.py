@@ -181,6 +181,7 @@ def _together(model: TaskModel, expansion: Expansion, groups: list[Expansion], f
         diagnostics=notes,
         moves=sum(each.moves for each in found),
         stopped=stopped,
+        unimproved=any(each.unimproved for each in found),
         engine=", ".join(sorted({each.engine for each in found})),
     )
 
