@@ -75,18 +75,26 @@ def test_a_stated_budget_bounds_the_improvement_too(monkeypatch, budget, asked):
 
 
 @pytest.mark.parametrize(
-    ("transitions", "options", "work"),
+    ("transitions", "options", "work", "words"),
     [
-        ((), {}, 18 + 2 * 2 * 18 // 4),
-        ((("m0", "m1", None),), {}, 18 + 7 // 4),
-        ((), {"switches": False}, 18),
-        ((), {"modes": ("m1", "m2")}, 16 + 2 * 16 // 4),
-        ((("m0", "m1", None),), {"modes": ("m1", "m2")}, 16),
-        ((), {"switches": False, "searches": 3}, 54),
-        ((("m0", "m1", None), ("m1", "m0", None)), {"searches": 2}, 2 * (18 + 14 // 4)),
+        ((), {}, 18 + 2 * 2 * 18 // 4, "18 jobs in 3 modes with switches"),
+        ((("m0", "m1", None),), {}, 18 + 7 // 4, "18 jobs in 3 modes with switches"),
+        ((), {"switches": False}, 18, "18 jobs in 3 modes"),
+        ((), {"modes": ("m1", "m2")}, 16 + 2 * 16 // 4, "16 jobs in 2 modes with switches"),
+        ((("m0", "m1", None),), {"modes": ("m1", "m2")}, 16, "16 jobs in 2 modes"),
+        ((("m0", "m1", None),), {"modes": ("m0", "m1")}, 7 + 7 // 4, "7 jobs in 2 modes with switches"),
+        ((), {"switches": False, "searches": 3}, 54, "18 jobs in 3 modes, in 3 searches"),
+        (
+            (("m0", "m1", None), ("m1", "m0", None)),
+            {"searches": 2},
+            2 * (18 + 14 // 4),
+            "18 jobs in 3 modes with switches, in 2 searches",
+        ),
     ],
 )
-def test_a_search_without_a_stated_end_counts_the_jobs_of_modes_and_of_pairs(monkeypatch, transitions, options, work):
+def test_a_search_without_a_stated_end_counts_the_jobs_of_modes_and_of_pairs(
+    monkeypatch, transitions, options, work, words
+):
     """Modes of 2, 5 and 11 jobs: four jobs of a pair take as long as one of a mode."""
     from halpipe.core.diagnostics import HalpipeError
     from halpipe.pipeline.solve import limits
@@ -99,7 +107,7 @@ def test_a_search_without_a_stated_end_counts_the_jobs_of_modes_and_of_pairs(mon
     monkeypatch.setattr(limits, "MOST_UNLIMITED", 1)
     with pytest.raises(HalpipeError) as refused:
         refuse_endless(system, **options)
-    assert f"take as long as {work} jobs" in refused.value.diagnostics[0].message
+    assert refused.value.diagnostics[0].message.startswith(f"{words}, take as long as {work} jobs")
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.solve.codes import TOO_MANY_STARTS
 from halpipe.pipeline.solve.limits import check_starts
 from halpipe.pipeline.solve.schedule import SearchOptions
-from support import model, ms, task, version
+from support import mode, model, ms, task, version
 
 
 def crowd(count, *, units="u", wcet="50us", period=10):
@@ -45,6 +45,22 @@ def test_the_proof_counts_and_names_a_tick_that_would_do():
     assert "use a tick of 500us" in proof.help
     assert "--granularity ostask" in proof.help
     assert told(crowd(13), "500us") == []
+
+
+def test_each_crowd_has_a_finer_tick_of_its_own():
+    """Ten tasks that nearly take 1 ms leave room for an eleventh from 10 us on only; those of others are no matter."""
+    short = [task(f"short{i}", 10, version("v", "50us", "u")) for i in range(13)]
+    long = [task(f"long{i}", 10, version("v", "990us", "v")) for i in range(10)]
+    last, again = task("last", 10, version("v", "50us", "v")), [replace(t, name=f"more-{t.name}") for t in long]
+    again = [replace(t, versions=(replace(t.versions[0], units=("u",)),)) for t in again]
+    modes = [mode("one", [*short, *long, last]), mode("two", [*again, short[0]])]
+    system = model(*short, *long, last, *again, units="u v", modes=modes)
+    helps = {(d.path, d.message.split('"')[1]): d.help.split(" or ")[0] for d in told(system)}
+    assert helps == {
+        ('mode "one"', "u"): "use a tick of 500us",
+        ('mode "one"', "v"): "use a tick of 10us",
+        ('mode "two"', "u"): "use a tick of 10us",
+    }
 
 
 def test_interrupts_may_come_in_the_rest_of_a_tick():

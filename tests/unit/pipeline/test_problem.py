@@ -64,6 +64,10 @@ def test_a_gang_has_an_option_for_every_split_over_the_groups():
         task("a", 10, version("v", 1, "u1 u2 u3", gang=2)), task("b", 10, version("v", 1, "u3")), units="u1 u2 u3"
     )
     assert options_of(build(system)) == [("v", ((0, 2),)), ("v", ((0, 1), (1, 1)))]
+    wide = model(
+        task("a", 10, version("v", 1, "u1 u2 u3", gang=3)), task("b", 10, version("v", 1, "u3")), units="u1 u2 u3"
+    )
+    assert options_of(build(wide)) == [("v", ((0, 2), (1, 1)))]  # no group has three, nor the second one two
     alone = options_of(build(system, grouped=False))
     assert alone == [("v", ((a, 1), (b, 1))) for a, b in ((0, 1), (0, 2), (1, 2))]
 
@@ -183,6 +187,20 @@ def test_the_delay_of_a_job_is_limited_by_slack_and_deadline(slack, deadline, la
     assert build(system).arrays.option_late[0] == late
 
 
+@pytest.mark.parametrize(
+    ("distance", "deadline", "late"), [(13, 30, 3), (25, 30, 9), (13, None, 1), (17, 16, 4), (25, 18, 6)]
+)
+def test_a_poll_is_late_by_what_keeps_arrivals_apart_and_its_deadline(distance, deadline, late):
+    """Of 10 ms of slack and 2 ms of work, with the job before it at its release."""
+    polls = replace(task("a", 10, version("v", 2), slack=1, deadline=deadline), distance=ms(distance))
+    assert build(model(polls, task("b", 20, version("v", 1)))).arrays.option_late[0] == late
+
+
+def test_a_job_on_demand_is_never_late():
+    system = model(task("h", None, version("v", 1)), task("a", 10, version("v", 1, "u1", after("h", 0, 5))))
+    assert build(system).arrays.option_late.tolist() == [0, 0]
+
+
 @pytest.mark.parametrize(("let", "late"), [(5, 3), (6, 4), (7, 4)])
 def test_a_job_ends_within_its_logical_execution_time_and_its_deadline(let, late):
     computes = replace(task("a", 10, version("v", 2), offset=0, slack=1, deadline=6), let=ms(let))
@@ -282,12 +300,13 @@ def test_a_task_without_any_option_is_named():
             "1ns",
         ),
         (model(task("a", 1, version()), chains=[chain("c", "a", "9000000000s")]), "1ns"),
+        (model(task("a", "10000000000s", version("v", "1ns"))), None),
     ],
 )
 def test_numbers_that_could_overflow_are_refused(system, tick):
     found = refusal(system, tick=ms(tick))
     assert (found.code, found.path) == (codes.TOO_LARGE.id, 'mode "all"')
-    assert "ticks of" in found.message
+    assert f"ticks of {ms(tick or '1ns')} and" in found.message
     assert "--tick" in found.help
 
 
