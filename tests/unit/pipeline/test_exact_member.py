@@ -77,6 +77,7 @@ def test_turns_grow_to_the_budget():
     turns = [(turn.number, turn.moves, turn.work) for turn in relay.turns(1600, 5000, 50)]
     assert turns == [(0, 25, 0), (1, 100, 1), (2, 400, 4), (3, 1600, 16), (4, 5000, 64)]
     assert [turn.moves for turn in relay.turns(1600, 1600, 50)] == [25, 100, 400, 1600]
+    assert [turn.moves for turn in relay.turns(8, 8, 50)] == [1, 4, 8]
 
 
 def test_a_search_in_turns_is_that_in_one_go(monkeypatch):

@@ -14,7 +14,7 @@ from halpipe.pipeline.measure.objectives import Objective
 from halpipe.pipeline.shipped import check_shipped, overlaps, staying
 from halpipe.pipeline.solve.codes import CANNOT_STAY
 from halpipe.pipeline.solve.kernel.search import improved
-from halpipe.pipeline.solve.kernel.warmstart import taken_over
+from halpipe.pipeline.solve.kernel.warmstart import Earlier, rename_units, taken_over
 from halpipe.pipeline.solve.optimise import polish_of
 from halpipe.pipeline.solve.problem import build_problem
 from halpipe.pipeline.solve.schedule import SearchOptions
@@ -427,6 +427,43 @@ def test_only_a_valid_schedule_on_units_that_there_are_is_taken_over(unit, start
     assert (taken_over(problem, jobs, 1) is not None) == is_taken
     wanted = polish_of(owner, problem.expansion, (Objective.JITTER,), None, 1, lambda _: None, 1)
     assert (improved(problem, jobs, wanted, lambda *_: True) is not None) == is_taken
+
+
+def test_units_of_a_group_are_named_as_before_by_most_jobs():
+    """Three jobs on u1 were on u2 twice and on u3 once, the one on u2 there as well; v1 is of another group than u1."""
+    group, names = "u1 u2 u3", ("a", "b", "c", "d", "e")
+    tasks = [*(task(name, 10, version("v", 1, group)) for name in names), task("f", 10, version("v", 1, "v1 v2"))]
+    owner = model(*tasks, units=f"{group} v1 v2")
+    problem = build_problem(expand(owner, owner.modes[0]), owner.units, [], [])
+    now = dict(enumerate((unit,) for unit in ("u1", "u2", "u3", "u1", "u1", "v1")))
+    before = {"a": "u2", "b": "u2", "d": "u2", "e": "u3", "f": "u1"}
+    renamed = rename_units(problem, now, Earlier(units={(name, 0): (unit,) for name, unit in before.items()}))
+    assert [renamed[number] for number in range(6)] == [("u2",), ("u1",), ("u3",), ("u2",), ("u2",), ("v1",)]
+
+
+def test_the_first_mode_that_runs_a_task_decides_where_later_ones_try_it_first():
+    """By the least start within the period; a task that is bound in the whole system stays on its units."""
+    tied = replace(task("tied", 20, version("v", 1, UNITS)), binding=Binding.SYSTEM)
+    owner = model(
+        task("a", 10, version(), slack=1), task("b", 10, version(), slack=1), task("h", None, version()), tied
+    )
+    placed = ("a", 0, 7, "u1"), ("a", 1, 15, "u1"), ("b", 0, 4, "u1"), ("b", 1, 12, "u1"), ("h", 0, 3, "u1")
+    jobs = [job(owner, *each) for each in (*placed, ("tied", 0, 0, "u2"))]
+    before = Earlier(phases={"b": ms(9)}, units={("a", 1): ("u2",)})
+    found = before.and_then(expand(owner, owner.modes[0]), jobs)
+    assert found.phases == {"a": ms(5), "b": ms(9), "tied": ms(0)}
+    assert found.pins == {"tied": {1: frozenset({"u2"})}}
+    units = {(name, index): (unit,) for name, index, _, unit in placed}
+    assert found.units == units | {("a", 1): ("u2",), ("tied", 0): ("u2",)}
+
+
+def test_jobs_of_which_one_is_in_parts_or_outside_are_not_taken_over():
+    owner = model(task("a", 10, version("v", 4), slack=1), task("b", 20, version("v", 1)))
+    problem = build_problem(expand(owner, owner.modes[0]), owner.units, [], [])
+    last, whole = job(owner, "b", 0, 4, "u1"), [job(owner, "a", 0, 0, "u1"), job(owner, "a", 1, 10, "u1")]
+    assert taken_over(problem, [*whole, last], 1) is not None
+    assert taken_over(problem, [whole[0], job(owner, "a", 1, 20, "u1"), last], 1) is None
+    assert taken_over(problem, [whole[0], parted("a", 1, "u1", (10, 14, 0, 4)), last], 1) is None
 
 
 @pytest.mark.parametrize(("starts", "is_taken"), [((7, 17, 27), True), ((17, 27, 7), True), ((7, 18, 27), False)])

@@ -18,7 +18,7 @@ from halpipe.models import Anchor, HealthAction, HealthEvent, HealthRule, Job, T
 from halpipe.pipeline.checked import schedule_model, verify_schedule
 from halpipe.pipeline.explain.explanation import ExplainOptions
 from halpipe.pipeline.solve import codes
-from halpipe.pipeline.solve.quantise import BurstGrid, describe, quantise, restore
+from halpipe.pipeline.solve.quantise import BurstGrid, describe, quantise, restore, with_ends
 from halpipe.pipeline.solve.schedule import SearchOptions
 from support import access, after, chain, job, mode, model, ms, schedule, task, version
 
@@ -110,6 +110,41 @@ def test_other_resources_only_grow_to_whole_windows():
     assert spans(only(on_grid(t)).accesses) == [(ms(0), ms(1), Fraction(9, 10))]
 
 
+def test_phases_of_neighbouring_windows_keep_their_own_bounds():
+    made = version("v", 2, "u1", access("mem", 0, 1, "1/2"), access("mem", 1, 2))
+    assert spans(only(on_grid(task("t", 10, made))).accesses) == [(ms(0), ms(1), Fraction(1, 2)), (ms(1), ms(2), 1)]
+
+
+@pytest.mark.parametrize(("carries", "wcet", "seams"), [(True, 2, 1), (True, 3, 1), (True, 1, 0), (False, 3, 0)])
+def test_a_burst_may_pass_in_the_window_behind_a_phase_that_the_version_has(carries, wcet, seams):
+    """Where the version ends with the phase, a burst of its row is kept; other resources have no bursts."""
+    made = version("v", wcet, "u1", access("mem", 0, 1, "1/10"), access("other", 0, 1, "1/10"))
+    found = only(on_grid(task("t", 10, made), carries=carries)).accesses
+    tenth = (ms(0), ms(1), Fraction(1, 10))
+    assert spans(found) == [tenth, *[(ms(1), ms(2), Fraction(1, 100))] * seams, tenth]
+
+
+def test_bursts_that_outlive_a_gang_are_kept_for_each_of_its_units():
+    """Of 1.025 bursts, two on each of four units, one is kept: that leaves 4 of 96."""
+    wide = task("t", 10, version("v", 1, "u1 u2 u3 u4", access("mem", 0, 1, "41/1000"), gang=4))
+    found = quantise(model(wide, units="u1 u2 u3 u4", resources="mem"), replace(GRID, carries=True))
+    assert spans(only(found).accesses) == [(ms(0), ms(1), Fraction(4, 96))]
+
+
+@pytest.mark.parametrize(("reserves", "kept"), [("used", 64), ("units", 2 * 64), ("all", 2 * 2 * 64)])
+def test_what_regulators_overshoot_is_kept_for_rows_for_units_or_for_all_that_are_regulated(reserves, kept):
+    system = model(task("t", 10, version("v", 1, "u1", access("mem", 0, 1, "1/2"))), units="u1 u2 u3", resources="mem")
+    grid = replace(GRID, reserve=64, reserves=reserves, regulated=("u1", "u2", "elsewhere"), promise=Fraction(6200))
+    assert f"(6400 bytes less {kept} for overshoot), a bound of 1 is 96.87" in describe(system, grid)
+
+
+def test_a_job_without_a_version_in_the_model_keeps_its_length():
+    system = model(task("t", 10, version("v", "1.5ms")))
+    known, unknown = job(system, "t", 0, 3, "u1"), replace(job(system, "t", 0, 3, "u1"), version="w", end=ms(9))
+    longer = replace(known, end=ms(5))
+    assert with_ends(system, (longer, unknown)) == (known, unknown)
+
+
 def test_precedence_windows_shrink():
     t = task("t", 10, version("v", 2, "u1"))
     o = task("o", 10, version("v", 2, "u1", after("t", "0.5ms", "4.5ms"), after("t", "0.5ms", "4.5ms", "end")))
@@ -120,8 +155,9 @@ def test_precedence_windows_shrink():
 
 def test_windows_from_an_end_inside_a_window_shrink_by_what_is_rounded_there():
     t = task("t", 10, version("a", "1.25ms", "u1"), version("b", "1.75ms", "u1"))
-    o = task("o", 10, version("v", 2, "u1", after("t", 0, 2, "end"), after("t", 0, "2.75ms", "end")))
-    (short, longer) = on_grid(t, o).tasks[1].versions[0].precedences
+    rows = [after("t", 0, high, "end") for high in (2, "2.75ms", "2.25ms")]
+    (short, longer, between) = on_grid(t, task("o", 10, version("v", 2, "u1", *rows))).tasks[1].versions[0].precedences
+    assert (between.min, between.max) == (ms(0), ms(1))  # by the larger of both
     assert (short.min, short.max) == (ms(0), ms(1))
     assert (longer.min, longer.max) == (ms(0), ms(2))
 
@@ -158,18 +194,21 @@ def test_periods_and_offsets_off_the_grid_are_answered_with_the_nearest_windows(
 
 
 @pytest.mark.parametrize(
-    ("period", "cycle", "help"),
-    [
-        ("3.5ms", "1ms", 'state "window: 875us", which divides all'),  # the fourth part, which is nearest
-        ("2.5ms", "2ms", 'state "window: 1.25ms", which'),
-        ("0.4ms", "1ms", 'state "window: 400us", which'),
-        ("4.5ms", "1.5ms", "that divide all periods and offsets are 1 cycles (1.5ms)"),
-        ("6.3ms", "0.3ms", "are 3 cycles (900us) or 7 cycles (2.1ms)"),
-    ],
+    ("period", "cycle", "window"),
+    [("3.5ms", "1ms", "875us"), ("2.5ms", "2ms", "1.25ms"), ("0.4ms", "1ms", "400us")],
 )
-def test_where_no_whole_cycles_divide_a_period_a_window_that_does_is_named(period, cycle, help):
+def test_where_no_whole_cycles_divide_a_period_the_nearest_window_that_does_is_named(period, cycle, window):
     [found] = refusal(task("t", period, version("v", "0.1ms", "u1")), cycle=ms(cycle))
-    assert help in found.help
+    assert found.help.startswith(f'state "window: {window}", which divides all periods and offsets')
+
+
+@pytest.mark.parametrize(
+    ("period", "cycle", "windows"),
+    [("4.5ms", "1.5ms", "1 cycles (1.5ms)"), ("6.3ms", "0.3ms", "3 cycles (900us) or 7 cycles (2.1ms)")],
+)
+def test_the_nearest_windows_of_whole_cycles_on_both_sides_are_named(period, cycle, windows):
+    [found] = refusal(task("t", period, version("v", "0.1ms", "u1")), cycle=ms(cycle))
+    assert found.help == f"the nearest windows that divide all periods and offsets are {windows}"
 
 
 def test_a_precedence_window_without_a_distance_on_the_grid():

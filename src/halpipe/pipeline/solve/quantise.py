@@ -269,7 +269,7 @@ class _Rounding:
                         accesses[0],
                         start=start,
                         end=end,
-                        bound=min(Fraction(1), claims[start]),
+                        bound=claims[start],
                         kind=None,
                         transfers=(),
                     )
