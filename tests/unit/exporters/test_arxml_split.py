@@ -143,9 +143,10 @@ def test_access_phases_begin_at_their_instants():
     assert events_of(root, "a")["Mode_all_u1"] == [(5, "Hold_a_1")]
 
 
-def test_an_access_after_a_gap_waits_once_more_for_the_time_that_going_on_may_take():
-    """It may go on in less, and another job has the resource until then."""
-    body = replace(version("v", 6, "u1", access("mem", 3, 5)), split=replace(cut(3), resume=ms("0.5ms")))
+@pytest.mark.parametrize("split", [cut(3), ANYWHERE])
+def test_an_access_after_a_gap_waits_once_more_for_the_time_that_going_on_may_take(split):
+    """It may go on in less, and another job has the resource until then; woken for its access, it would be late."""
+    body = replace(version("v", 6, "u1", access("mem", 3, 5)), split=replace(split, resume=ms("0.5ms")))
     system = model(task("a", 20, body), resources="mem")
     late = parted(system, "a", "u1", (2, 0, 3), (9, 3, 6))
     *parts, last = late.parts
@@ -153,7 +154,7 @@ def test_an_access_after_a_gap_waits_once_more_for_the_time_that_going_on_may_ta
     root = write(system, planned(system, ("all", 20, late)))
     assert [hold["at"] for hold in holds_of(root, "a")] == ["3ms", "3ms"]
     assert events_of(root, "a")["Mode_all_u1"] == [(18, "Hold_a_1"), (19, "Hold_a_2")]
-    at_once = replace(system.tasks[0], versions=(replace(body, split=cut(3)),))
+    at_once = replace(system.tasks[0], versions=(replace(body, split=split),))
     system = replace(system, tasks=(at_once,))
     root = write(system, planned(system, ("all", 20, parted(system, "a", "u1", (2, 0, 3), (9, 3, 6)))))
     assert events_of(root, "a")["Mode_all_u1"] == [(9, "Hold_a_1")]

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from halpipe.exporters.arxml.options import ArxmlOptions
-    from halpipe.models import Job, Schedule, TaskModel
+    from halpipe.models import Job, Part, Schedule, TaskModel, Version
 
 
 @record
@@ -75,8 +75,8 @@ class Holds:
         if not self._by_task.get(job.task):
             return []
         version = self._times.versions[job.task, job.version]
-        gaps = {} if version.split.anywhere else {part.executed_from: part.start for part in job.parts[1:]}
         phases = {access.start: job.start + begin for access, begin, _ in self._times.of(job)}
+        gaps = {part.executed_from: part.start for part in _gaps(version, job)}
         first, second = phases | gaps, phases
         return [
             (hold, (second if hold.is_second else first).get(hold.position, job.start))
@@ -86,10 +86,16 @@ class Holds:
     def _positions(self, job: Job) -> list[Hold]:
         version = self._times.versions[job.task, job.version]
         found = [access.start for access in version.accesses if access.start > ZERO]
-        gaps = [] if version.split.anywhere else [part.executed_from for part in job.parts[1:]]
+        gaps = [part.executed_from for part in _gaps(version, job)]
         twice = set(found) & set(gaps) if version.split.resume > ZERO else set()
         holds = [Hold(job.version, position) for position in (*found, *gaps)]
         return holds + [Hold(job.version, position, is_second=True) for position in sorted(twice)]
+
+
+def _gaps(version: Version, job: Job) -> list[Part]:
+    """Return the parts before which a job waits: where others interrupt it, only those that begin an access phase."""
+    begins = {access.start for access in version.accesses}
+    return [part for part in job.parts[1:] if not version.split.anywhere or part.executed_from in begins]
 
 
 _LONGEST = seconds(1)
