@@ -90,7 +90,7 @@ class _Simulation:
         self.sequence = 0
         self.now = 0
         claims = (claim for each in mode.fixed.jobs for claim in each.claims)
-        self.resources = Resources(mode.capacity, claims, self.cycle)
+        self.resources = Resources(tuple(mode.capacity.values()), claims, self.cycle)
         self.walls = {unit: _Wall(walls, self.cycle) for unit, walls in mode.fixed.walls.items()}
         self.pending: list[list[Job]] = [[] for _ in mode.units]
         self.stacks: list[list[Job]] = [[] for _ in mode.units]
