@@ -1,14 +1,19 @@
 """Wishes of an improvement: what is asked of chains is less in sum, and of delays and units in the order stated."""
 
 import random
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
 
+from halpipe.pipeline.jobs import expand
+from halpipe.pipeline.measure.objectives import Objective
 from halpipe.pipeline.solve.integers import Table, ints
 from halpipe.pipeline.solve.kernel import quality
-from halpipe.pipeline.solve.kernel.kernel import NEVER
-from halpipe.pipeline.solve.problem import NO_TICK
+from halpipe.pipeline.solve.kernel.kernel import FROZEN_HINT, NEVER, new_state
+from halpipe.pipeline.solve.optimise import DELAYS, UNITS
+from halpipe.pipeline.solve.problem import NO_TICK, build_problem
+from support import after, model, ms, task, version
 
 
 @pytest.fixture
@@ -182,3 +187,135 @@ def test_the_jitter_of_the_tasks_with_the_most_is_asked_for_one_by_one(monkeypat
     monkeypatch.setattr(quality, "JITTERY", 1)
     wishes = Granting(quality._less_jitter(jittery(monkeypatch, [4, 8])), lambda _: False)
     assert [[*wish.option_late] for wish in wishes.asked[4:]] == [[4, 0], [4, 4]]
+
+
+# ------------------------------------------------------------------------------------------------ placements
+
+
+def placement():
+    """Tasks with two jobs, of a free phase, from an offset of 0, and one that is frozen; and one on demand."""
+    tasks = [
+        task("free", 10, version("v", 1, "u1"), slack=1),
+        task("fixed", 10, version("v", 1, "u2"), slack=1, offset=0),
+        task("frozen", 10, version("v", 1, "u3"), slack=1),
+        task("asks", 20, version("v", 1, "u4", after("h", 0, 9)), slack=1),
+        task("h", None, version("v", 1, "u4")),
+    ]
+    system = model(*tasks, units="u1 u2 u3 u4")
+    problem = build_problem(expand(system, system.modes[0]), system.units, [], tick=ms(1))
+    state = new_state(problem.arrays, 1, 1)
+    state.phase[:] = ints([15, 18, 1, 6, 2, 9, 4, 3])
+    state.start[:] = ints([15, 8, 1, 16, 2, 19, 4, 3])
+    state.option[:] = ints([0, 0, 1, 1, 2, 2, 3, 4])
+    state.hint[2] = FROZEN_HINT
+    return problem, state
+
+
+def test_jobs_that_are_later_than_a_smaller_slack_allows_come_where_it_ends():
+    """From the first of them, or the offset; what is frozen stays."""
+    problem, state = placement()
+    late = ints([2, 4, 2, 0, 0])
+    quality._fit_slack(replace(problem.arrays, option_late=late), state)
+    assert state.phase.tolist() == [15, 17, 1, 4, 2, 9, 4, 3]
+    assert state.start.tolist() == [15, 7, 1, 14, 2, 19, 4, 3]
+
+
+def test_delays_count_from_the_offset_or_the_first_job():
+    problem, state = placement()
+    best = SimpleNamespace(arrays=problem.arrays, state=state)
+    assert quality._delays(best) == [3, 6, 7, 0, 0]
+    assert problem.arrays.option_late.tolist()[:3] == [9, 9, 9]
+    assert quality._lateness(best, [3, 10, 0, 5, 0]).tolist()[:4] == [3, 9, 0, 5]
+
+
+CHAINS, JITTER, MARGIN = Objective.CHAINS, Objective.JITTER, Objective.MARGIN
+
+
+@pytest.mark.parametrize(
+    ("objectives", "stage", "held"),
+    [
+        ((CHAINS, JITTER, MARGIN), CHAINS, ["option_late", "margin 3"]),
+        ((CHAINS, JITTER, MARGIN), JITTER, ["chain_limit", "margin 3"]),
+        ((CHAINS, JITTER, MARGIN), MARGIN, ["chain_limit", "option_late"]),
+        ((CHAINS, JITTER, MARGIN), UNITS, ["chain_limit", "option_late", "margin 3"]),
+        ((MARGIN, CHAINS), CHAINS, ["margin 1"]),
+        ((Objective.COST,), DELAYS, []),
+    ],
+)
+def test_what_other_objectives_have_reached_is_held_while_more_of_one_is_asked_for(
+    monkeypatch, objectives, stage, held
+):
+    found = []
+    monkeypatch.setattr(quality, "reserved", lambda problem, margin, _: found.append(f"margin {margin}") or problem)
+    for name in ("_latencies", "_delays", "_limits"):
+        monkeypatch.setattr(quality, name, lambda _: None)
+    monkeypatch.setattr(quality, "_lateness", lambda *_: None)
+    for name in ("_fewer_units", "_less_slack", "_less_jitter", "_shorter_chains", "_more_margin"):
+        monkeypatch.setattr(quality, name, lambda *_: iter(()))
+    monkeypatch.setattr(quality, "chain_bounds", lambda *_: [])
+    worth = SimpleNamespace(values=(-1, -2, -3))
+    best = SimpleNamespace(problem=None, worth=worth, tighten=lambda **columns: found.extend(columns))
+    judge = SimpleNamespace(objectives=objectives, chain_weights=(), model=None, expansion=None)
+    assert list(quality._wishes(best, None, stage, SimpleNamespace(judge=judge))) == []
+    assert found == held
+
+
+# ------------------------------------------------------------------------------------------------ the whole
+
+
+class Steps(quality.Improvement):
+    """An improvement whose searches have been made before: what each found, its moves, and whether it was stopped."""
+
+    def __init__(self, steps, is_enough=lambda _: False, worse=()):
+        self.steps, self.kept_as, self.told = list(steps), [], []
+        judge = SimpleNamespace(
+            objectives=(JITTER, MARGIN),
+            worth=lambda jobs: SimpleNamespace(values=jobs),
+            keeps=lambda _, worth: worth.values not in worse,
+        )
+        polish = SimpleNamespace(
+            judge=judge, is_enough=is_enough, on_better=lambda worth: self.told.append(worth.values)
+        )
+        best = quality._Best(arrays(arrays=None), None, {}, (5, 5), SimpleNamespace(values=(5, 5)))
+        super().__init__(best, polish, None, lambda problem, state, units: state)
+
+    def _recalled(self, asked, kept):
+        self.kept_as.append(kept)
+
+    def _searched(self, asked, kept):
+        return self.steps.pop(0)
+
+
+def step(found, moves, stopped=False):
+    return quality._Step(None if found is None else (found, {}), moves, stopped)
+
+
+@pytest.fixture
+def two_wishes(monkeypatch):
+    """Let there be two wishes of each objective; what became of the first is noted."""
+    answers = []
+
+    def wishes(*_):
+        answers.append((yield "one"))
+        answers.append((yield "two"))
+
+    monkeypatch.setattr(quality, "_wishes", wishes)
+    return answers
+
+
+def test_what_a_wish_leads_to_is_kept_unless_it_is_worse_in_what_counts_by_now(two_wishes):
+    """While the jitter is improved, the margin may get worse; then neither may. Nothing may be worse than at first."""
+    found = Steps([step((4, 6), 10), step((3, 9), 1), step(None, 2), step((4, 7), 5)], worse=[(3, 9)])
+    kept = SimpleNamespace(stage=lambda name: name)
+    assert not found.run(kept)
+    assert two_wishes == [True, False, False, False]
+    assert (found.best.jobs, found.moves, found.told) == ((4, 6), 18, [(4, 6)])
+    assert found.kept_as == ["step0", "step1", "step2", "step3"]
+    assert Steps([step((5, 4), 1), step((5, 3), 1), step((5, 2), 1), step((5, 1), 1)]).run(None) is False
+
+
+def test_an_improvement_ends_once_it_is_enough_or_stopped(two_wishes):
+    enough = Steps([step((4, 4), 10), step((3, 3), 1)], is_enough=lambda jobs: jobs == (4, 4))
+    assert (enough.run(None), enough.moves) == (False, 10)
+    stopped = Steps([step((4, 4), 10), step(None, 7, stopped=True)])
+    assert (stopped.run(None), stopped.moves, stopped.best.jobs) == (True, 17, (4, 4))

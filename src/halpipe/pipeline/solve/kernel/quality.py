@@ -190,7 +190,7 @@ def _fit_slack(arrays: Arrays, state: State) -> None:
     """Pull jobs that are later than the (tightened) slack allows back to where it ends."""
     for first, last in pairwise(arrays.entry_job):
         task = arrays.job_task[first]
-        if not arrays.task_cyclic[task] or state.hint[arrays.job_entry[first]] == FROZEN_HINT:
+        if state.hint[arrays.job_entry[first]] == FROZEN_HINT:
             continue
         base = _base(arrays, state.phase, first, last)
         for number, job in enumerate(range(first, last)):
