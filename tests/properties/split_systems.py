@@ -11,7 +11,8 @@ from itertools import pairwise
 
 import split_oracle
 import verify_oracle as oracle
-from verify_systems import UNITS, Builder, one_mode, turned
+from verify_systems import UNITS, Builder, one_mode
+from verify_systems import switching_system as switching
 
 from halpipe.core.durations import milliseconds
 from halpipe.models import Binding, Interrupt, Job, Part, Resource, Split, TaskModel, Unit
@@ -251,4 +252,4 @@ def crowded_system(rng):
 
 def switching_system(rng):
     """The same with a second mode, turned by some ticks, and the table between."""
-    return turned(rng, *valid_system(rng))
+    return switching(rng, valid_system)

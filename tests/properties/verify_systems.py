@@ -12,6 +12,7 @@ from fractions import Fraction
 import verify_oracle as oracle
 
 from halpipe.core.durations import milliseconds
+from halpipe.core.grouping import grouped
 from halpipe.models import (
     Anchor,
     Job,
@@ -232,13 +233,26 @@ def one_mode(system, jobs, total):
     return Schedule(model=system.name, model_sha256=system.digest, modes=(table,))
 
 
-def switching_system(rng):
+def switching_system(rng, make=None):
     """A valid system with a second mode, the same turned by some ticks, and the table that makes the turn.
 
     The table goes on as mode one would, so that every rule holds across the switch: the line is mode one without end.
-    Only an offset forbids the turn, so there are none.
+    Only an offset forbids the turn, so there are none; and only there no job may start before the one before has ended.
     """
-    return turned(rng, *valid_system(rng))
+    while True:
+        system, plan = (make or valid_system)(rng)
+        if not any(runs_against_itself(own, plan.modes[0].hyperperiod) for own in own_jobs(plan)):
+            return turned(rng, system, plan)
+
+
+def own_jobs(plan):
+    return grouped((job.task, job) for job in plan.modes[0].jobs).values()
+
+
+def runs_against_itself(jobs, total):
+    ordered = sorted(jobs, key=lambda job: job.start)
+    later = [*(job.start for job in ordered[1:]), ordered[0].start + total]
+    return any(start < job.end for job, start in zip(ordered, later, strict=True))
 
 
 def turned(rng, system, plan):
