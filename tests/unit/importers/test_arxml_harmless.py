@@ -28,6 +28,7 @@ from halpipe.importers.arxml.files.slim import tags_to_drop
 from halpipe.importers.arxml.files.words import NS
 
 OF_ECUC = [
+    "EcuCGeneral",
     "BswInitialization",
     "InitFunction",
     "Pdu*",

@@ -86,7 +86,7 @@ _REASONS = {
         OsIsrXSignalReceiver
     """,
     "general settings of Rte and EcuC": """
-        BswInitialization Ecuc* InitFunction Pdu* PostbuildLoadable RteBswExclusiveAreaImpl RteBswGeneral
+        BswInitialization Ecuc* EcuCGeneral InitFunction Pdu* PostbuildLoadable RteBswExclusiveAreaImpl RteBswGeneral
         RteBswRequiredModeGroupConnection RteBswRequiredTriggerConnection PublishedInformation OsCORTEX*
         RteExclusiveAreaImplementation RteComponentTypeCalibration RteGeneration RteInitialization*
         RteNvRamAllocation RtePostBuildVariantConfiguration RteSwComponentType VectorCommonData
