@@ -1,5 +1,8 @@
 """Releases before 4, and what tools write that is almost right."""
 
+import re
+
+import pytest
 from arxml_case import FIXTURES, component, every, found, orders, package, periods, read, refusal, write
 
 from halpipe.importers.arxml import codes
@@ -67,6 +70,26 @@ def test_release_3_delegation_reaches_inner_components(tmp_path):
     path = tmp_path / "nested.arxml"
     path.write_text(text)
     assert "sensor/Measure > box/pump/Filter" in orders(read(path))
+
+
+@pytest.mark.parametrize("is_configured", [True, False])
+def test_release_3_has_a_composition_of_its_own_for_services(tmp_path, is_configured):
+    """The system names the other one only."""
+    text = re.sub(r"<CONNECTORS>.*?</CONNECTORS>", "", RELEASE3.read_text(), flags=re.DOTALL)
+    pump = re.search(r"<COMPONENT-PROTOTYPE>\s*<SHORT-NAME>pump<.*?</COMPONENT-PROTOTYPE>", text, re.DOTALL)[0]
+    service = pump.replace("COMPONENT-PROTOTYPE", "SERVICE-COMPONENT-PROTOTYPE")
+    service = service.replace("TYPE-TREF", "SERVICE-COMPONENT-TREF")
+    more = f"""<ECU-SW-COMPOSITION><SHORT-NAME>Services</SHORT-NAME><COMPONENTS>{service}</COMPONENTS>
+    </ECU-SW-COMPOSITION><SYSTEM><SHORT-NAME>S</SHORT-NAME><SOFTWARE-COMPOSITION><SHORT-NAME>all</SHORT-NAME>
+      <SOFTWARE-COMPOSITION-TREF DEST="COMPOSITION-TYPE">/Plant/Types/Root</SOFTWARE-COMPOSITION-TREF>
+    </SOFTWARE-COMPOSITION></SYSTEM><COMPOSITION-TYPE>"""
+    text = text.replace(pump, "").replace("<COMPOSITION-TYPE>", more, 1)
+    text = text.replace(">/Plant/Types/Root/pump<", ">/Plant/Types/Services/pump<")
+    path = tmp_path / "services.arxml"
+    path.write_text(text if is_configured else text.replace(">/Vendor/Rte<", ">/Vendor/Com<"))
+    imported = read(path)
+    assert periods(imported)["pump/Control"] == "20ms"
+    assert not found(imported, codes.NOT_INSTANTIATED)
 
 
 def test_other_namespaces_of_old_releases_are_read(tmp_path):

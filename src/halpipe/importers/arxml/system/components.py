@@ -220,6 +220,7 @@ def _transitions(tree: Tree, group: Node) -> Iterator[tuple[Place, str, str]]:
 
 
 COMPOSITION = "COMPOSITION-SW-COMPONENT-TYPE"
+SERVICES = "ECU-SW-COMPOSITION"  # holds the service components of an ECU before release 4
 _PORTS = ("P-PORT-PROTOTYPE", "R-PORT-PROTOTYPE", "PR-PORT-PROTOTYPE")
 
 
@@ -228,7 +229,7 @@ _PORTS = ("P-PORT-PROTOTYPE", "R-PORT-PROTOTYPE", "PR-PORT-PROTOTYPE")
 
 def read_compositions(tree: Tree) -> tuple[Composition, ...]:
     """Read every composition type with its prototypes and connectors."""
-    return tuple(_composition(tree, node) for node in tree.tagged(COMPOSITION))
+    return tuple(_composition(tree, node) for node in tree.tagged(COMPOSITION, SERVICES))
 
 
 def _composition(tree: Tree, node: Node) -> Composition:

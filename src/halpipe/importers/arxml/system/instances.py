@@ -14,7 +14,7 @@ from halpipe.core.suggest import did_you_mean
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.codes import ABSENT_MODULE
 from halpipe.importers.arxml.files.words import listed, steps_of
-from halpipe.importers.arxml.system.components import COMPOSITION
+from halpipe.importers.arxml.system.components import COMPOSITION, SERVICES
 from halpipe.importers.arxml.system.containers import standard_modules
 from halpipe.importers.arxml.system.values import Component, Composition, Ecu, Instance, RteInstance, System
 
@@ -43,9 +43,9 @@ def find_instances(
     Return them, the compositions (paths) taken for copies of others, and the context of the instance that each
     prototype (path) of the Rte configuration stands for.
 
-    Roots are the compositions that a SYSTEM names, or else those that no other composition uses, and those whose
-    prototypes the Rte configuration names. Roots of which it names no instance are copies. Component types that no
-    composition uses stand for themselves, as BSW modules always do, or for the instances that only the Rte names.
+    Roots are the compositions that a SYSTEM names, or else those that no other composition uses, and those of services
+    or whose prototypes the Rte configuration names. Roots of which it names no instance are copies. Component types
+    that no composition uses stand for themselves, as BSW modules do, or for the instances that only the Rte names.
     """
     by_path = {composition.place.path: composition for composition in compositions}
     types = {component.place.path: component for component in components}
@@ -54,7 +54,8 @@ def find_instances(
     unfolded = {root: _bounded(_unfold(by_path[root], (root,), by_path, types), by_path[root]) for root in roots}
     everything = [instance for root in roots for instance in unfolded[root]]
     configured, alone = _Configured(tree, everything, components).resolve(mapped)
-    copies = _copies(unfolded, {*configured.values(), *(item.prototype for item in mapped)})
+    whole = {root: found for root, found in unfolded.items() if by_path[root].place.kind == COMPOSITION}
+    copies = _copies(whole, {*configured.values(), *(item.prototype for item in mapped)})
     for root in copies:
         message = "none of its component prototypes is in the Rte configuration"
         help = "nothing to do if it is the system that the ECU extract was made of"
@@ -184,10 +185,11 @@ def _of_systems(tree: Tree) -> list[str]:
 
 def _roots(chosen: Sequence[str], compositions: Sequence[Composition], named: Sequence[RteInstance]) -> list[str]:
     used = {prototype.type for composition in compositions for prototype in composition.prototypes}
-    unused = [composition.place.path for composition in compositions if composition.place.path not in used]
+    unused = [c.place.path for c in compositions if c.place.path not in used and c.place.kind == COMPOSITION]
     holders = {item.prototype.rpartition("/")[0] for item in named}
-    configured = [composition.place.path for composition in compositions if composition.place.path in holders]
-    return list(dict.fromkeys((*(chosen or unused), *(path for path in configured if path not in used))))
+    services = {composition.place.path for composition in compositions if composition.place.kind == SERVICES}
+    more = [c.place.path for c in compositions if c.place.path in services | holders and c.prototypes]
+    return list(dict.fromkeys((*(chosen or unused), *(path for path in more if path not in used))))
 
 
 def _unfold(
