@@ -101,7 +101,7 @@ def test_rows_of_one_task_are_its_versions(read):
         ('a,"1,000 ms",1ms,c0,\n', "HAL0023", "may be a decimal or thousands"),
         ('a,"2,5 ms",1ms,c0,\nb,1.000ms,1ms,c0,\n', "HAL0023", "may be a decimal or thousands"),
         ('a,1.000ms,1ms,c0,\nb,"2,5 ms",1ms,c0,\n', "HAL0023", "may be a decimal or thousands"),
-        ("a,2,5 ms,1ms,c0,a\n", "HAL1485", "6 cells below 5 heads"),
+        ("a,2,5 ms,1ms,c0,a\n", "HAL1485", "5 heads; write a head above each cell, several names into one"),
     ],
 )
 def test_faults_of_rows_are_errors_with_their_line(read, text, code, words):

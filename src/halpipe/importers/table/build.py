@@ -136,8 +136,8 @@ class _Table:
         signs = {",": ""} if self.sheet.has_commas else dict[str, str]()
         for line, cells in self.rows:
             if any(cells[self.width :]):
-                text = f"{len(cells)} cells below {self.width} heads: a decimal comma may separate two of them"
-                help = "write numbers with a decimal point, or a head above each cell"
+                text = f"{len(cells)} cells below {self.width} heads"
+                help = "write a head above each cell, several names into one (A > B), and numbers with a decimal point"
                 findings.add(CONTRADICTION(text, at=Location(self.sheet.file, line), help=help))
                 continue
             data = YamlMap(line)
