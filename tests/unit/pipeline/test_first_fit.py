@@ -224,10 +224,11 @@ def test_tasks_come_by_offsets_then_by_the_periods_that_divide_theirs_then_by_wh
         task("long", 8, version("v", 2)),
         task("beside", 8, version("v", 1)),
         task("fixed", 24, version("v", 1), offset=3),
+        task("first", 24, version("v", 2), offset=0),
         task("last", 24, version("v", 1)),
         chains=[chain("c", "beside last", 99)],
     )
-    assert in_order(*orders_of(system)) == "fixed odd four beside long short last slow"
+    assert in_order(*orders_of(system)) == "first fixed odd four beside long short last slow"
 
 
 def test_a_task_comes_after_what_is_before_it_which_has_its_rank():
