@@ -188,16 +188,25 @@ def back_to_back(schedule: Schedule, name_of: Callable[[Job, str], str]) -> set[
 
     An OS activates its OsTask before the job before has terminated, if that takes its whole WCET.
     """
-    modes = {mode.name: mode for mode in schedule.modes}
-    runs = [[(mode.jobs, ZERO), (mode.jobs, mode.hyperperiod)] for mode in schedule.modes]
+
+    def ends_of(jobs: Iterable[Job]) -> set[tuple[str, Duration]]:
+        return {(name_of(job, unit), job.end) for job in jobs for unit in job.units if job.end > job.start}
+
+    def starts_of(jobs: Iterable[Job]) -> set[tuple[str, Duration]]:
+        return {(name_of(job, unit), job.start) for job in jobs for unit in job.units}
+
+    found, starts, lengths, late = set(), {}, {}, {}
+    for mode in schedule.modes:
+        length, ends = mode.hyperperiod, ends_of(mode.jobs)
+        lengths[mode.name], starts[mode.name] = length, starts_of(mode.jobs)
+        found |= {name for name, end in ends if (name, end % length) in starts[mode.name]}
+        late[mode.name] = [(name, end - length * (n + 1)) for name, end in ends for n in range(end // length)]
     for switch in schedule.transitions:
-        before, after = modes[switch.source], modes[switch.target]
-        runs.append([(before.jobs, -before.hyperperiod), (switch.jobs, ZERO), (after.jobs, switch.length)])
-    found = set()
-    for run in runs:
-        placed = [(name_of(job, unit), job, by) for jobs, by in run for job in jobs for unit in job.units]
-        ends = {(name, job.end + by) for name, job, by in placed if job.end > job.start}
-        found |= {name for name, job, by in placed if (name, job.start + by) in ends}
+        begun, after, cycle = starts_of(switch.jobs), starts[switch.target], lengths[switch.target]
+        for name, end in (*late[switch.source], *ends_of(switch.jobs)):
+            over = end - switch.length
+            if (name, end) in begun or (over >= ZERO and (name, over % cycle) in after):
+                found.add(name)
     return found
 
 
