@@ -88,6 +88,25 @@ def test_a_stopped_improvement_goes_on_to_the_same_bytes(tmp_path, monkeypatch, 
     assert resumed.schedule == straight.schedule
 
 
+def test_a_search_that_is_stopped_while_it_builds_tables_begins_them_anew(tmp_path):
+    """The limit of the chain has no schedule, so that all tables are built before the first move."""
+    rows = [("a", 10, 2), ("b", 10, 3), ("c", 20, 4), ("d", 20, 3)]
+    tasks = [task(name, period, version("v", wcet, "u1")) for name, period, wcet in rows]
+    system = parse_model(format_model(model(*tasks, chains=[chain("c", "a c b", reaction=20)])), "m.xml")
+    options = SearchOptions(budget=200, optimise=())
+    straight = schedule_model(system, options, lambda *progress: True)
+    identity, path = fingerprint(system, options, "1"), str(tmp_path / "s.resume")
+    ticks = iter(range(0, 10**9, 10))
+    checkpoint = Checkpoint(path, identity, lambda: next(ticks))
+    assert schedule_model(system, replace(options, keeper=checkpoint), Stop(3)).stopped
+    checkpoint.write()
+    again = Checkpoint(path, identity, lambda: next(ticks))
+    again.load()
+    assert not again.arrays
+    resumed = schedule_model(system, replace(options, keeper=again), lambda *progress: True)
+    assert resumed.schedule == straight.schedule
+
+
 def in_parts(tmp_path, system, options, slices, workers=1):
     """Stop the search after so many slices, again and again; return how often, and the last result."""
     path = str(tmp_path / "s.resume")

@@ -124,16 +124,17 @@ class Kept:
         """Return the part of one stage of the search."""
         return Kept(self.whole, f"{self.key}/{name}")
 
-    def restore(self, state: State) -> None:
-        """Fill a fresh state with what was saved for it, if anything was."""
+    def restore(self, state: State) -> bool:
+        """Fill a fresh state with what was saved for it, if anything was; return whether it was."""
         for name in SAVED:
             kept = getattr(state, name)
             saved = self.whole.arrays.get(f"{self.key}/{name}")
             if saved is None:
-                return
+                return False
             if len(saved) != len(kept):
                 raise self.whole.refusal("does not fit the model")
             kept[:] = saved
+        return True
 
     def keep(self, state: State, *, now: bool) -> None:
         """Save a state when it is time, or `now`; runs of a few seconds are not worth it, they start anew."""

@@ -86,13 +86,20 @@ class Search:
         """Continue until `budget` moves have been made in all."""
         problem, state = self._problem, self._state
         kept = self._kept and self._kept.stage(FIRST_STAGE)
+        stopped = False
+
+        def go_on(made: int) -> bool:
+            nonlocal stopped
+            stopped = not on_slice(made, -1)
+            return not stopped
+
         if not self._is_begun:
             self._is_begun = True
-            if _is_constructed(problem):
-                construct(problem, state, budget, lambda made: on_slice(made, -1))
-            if kept is not None:
-                kept.restore(state)
-        stopped = run(problem.arrays, state, budget, on_slice, kept)
+            is_restored = kept is not None and kept.restore(state)
+            if _is_constructed(problem) and not is_restored:
+                construct(problem, state, budget, go_on)
+        # A construction that was stopped is not kept: what it leads to is another search.
+        stopped = stopped or run(problem.arrays, state, budget, on_slice, kept)
         moves = before = state.register[MOVES]
         if state.register[BEST] == NEVER:
             state = _completed(problem, state, self._seed)
