@@ -8,7 +8,7 @@ import pytest
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.solve.edf import search as module
 from halpipe.pipeline.solve.edf.plans import first_plan
-from halpipe.pipeline.solve.edf.search import SETTLING, TRIES, Search, State
+from halpipe.pipeline.solve.edf.search import SETTLING, STEPS, TRIES, Search, State
 from halpipe.pipeline.solve.edf.trials import Effort, Try
 from halpipe.pipeline.solve.edf.works import works_of
 from support import model, ms, task, version
@@ -262,3 +262,46 @@ def test_a_climb_goes_on_from_where_it_stood(begun, monkeypatch):
     assert (best, told, first, left) == (6, [4, 6], [3], [9])
     assert asked == [(4, 3, 3), (6, 4, 5)]
     assert placed == 110 + 17
+
+
+def test_the_sum_of_chains_weighs_both_figures(begun):
+    search, plan = begun
+    search.trials = SimpleNamespace(latencies=lambda _: [(1, 4), (2, 5)])
+    search.polish = SimpleNamespace(judge=SimpleNamespace(chain_weights=(2, 3)))
+    assert search._sum(tried(plan, 0)) == 2 * 5 + 3 * 7
+
+
+@pytest.mark.parametrize(
+    ("numbers", "stop_at", "found"),
+    [
+        ([5] * STEPS, None, 5),
+        ([None, 8, 9, 8, 4, 6, 5, *[9] * STEPS], None, 4),  # from 8 on, no longer than before
+        ([7, 6, 5], 2, 6),
+    ],
+)
+def test_a_walk_goes_to_tables_whose_chains_are_no_longer(begun, monkeypatch, numbers, stop_at, found):
+    search, plan = begun
+    search.trials, left = SimpleNamespace(stopped=False), list(numbers)
+
+    def varied(_, current):
+        number = left.pop(0)
+        search.trials.stopped = len(numbers) - len(left) == stop_at
+        return None if number is None else tried(numbered(plan, number), 0)
+
+    monkeypatch.setattr(Search, "_varied", varied)
+    monkeypatch.setattr(Search, "_sum", lambda _, found: found.plan.phases[0])
+    assert search._walked(tried(numbered(plan, 8), 0)).plan.phases[0] == found
+    assert len(numbers) - len(left) == (stop_at or STEPS)
+
+
+def test_a_plan_beside_another_is_tried_if_it_differs_and_fits(begun, monkeypatch):
+    search, plan = begun
+    search.trials = Trials([0, 3])
+    monkeypatch.setattr(module, "fits", lambda _, plan: plan.phases[0] < 9)
+    draws = iter([0, 9, 2, 3])
+    search.moves = SimpleNamespace(varied=lambda plan: numbered(plan, next(draws)))
+    first = tried(numbered(plan, 0), 0)
+    assert (search._varied(first), search._varied(first), search.trials.placed) == (None, None, 2)
+    assert search._varied(first).plan.phases[0] == 2
+    assert search._varied(first) is None  # a job would be late
+    assert [plan.phases[0] for plan in search.trials.plans] == [2, 3]
