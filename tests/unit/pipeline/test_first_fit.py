@@ -9,6 +9,7 @@ import pytest
 
 from halpipe.models import Match, Status
 from halpipe.pipeline.jobs import expand
+from halpipe.pipeline.solve.integers import ints
 from halpipe.pipeline.solve.kernel import search as driver
 from halpipe.pipeline.solve.kernel.first_fit import _levels, _Orders, _Refused, _Table, construct
 from halpipe.pipeline.solve.kernel.kernel import (
@@ -157,6 +158,43 @@ def test_what_asks_to_stop_is_obeyed():
     problem, state = state_of(chained_system(60, 5, load=1.2, length=4))
     assert not construct(problem, state, 10**6, lambda made: False)
     assert state.register[MOVES] == 60
+
+
+@pytest.mark.parametrize(
+    ("match", "chains", "most", "is_constructed"),
+    [
+        (Match.CYCLE, [], 1, True),
+        (Match.CYCLE, [], 2, False),  # few tasks
+        (Match.WINDOW, [], 1, False),
+        (Match.WINDOW, [chain("c", "a", 30)], 2, True),
+        (Match.WINDOW, [chain("c", "a")], 2, False),  # without a limit
+    ],
+)
+def test_tables_are_built_for_limited_chains_and_for_many_windows_of_one_cycle(
+    monkeypatch, match, chains, most, is_constructed
+):
+    monkeypatch.setattr(driver, "MANY_TASKS", most)
+    row = replace(after("a", 0, 9), match=match)
+    system = model(task("a", 10, version()), task("b", 10, version("v", 1, "u1", row)), chains=chains)
+    assert driver._is_constructed(state_of(system)[0]) is is_constructed
+
+
+def test_what_a_construction_has_left_starts_at_its_offset():
+    """Of a task with some jobs placed, the others, too; those on demand start at once."""
+    asks = task("asks", 20, version("v", 1, "u1", after("h", 0, 9)))
+    system = model(
+        task("a", 10, version(), offset=3), task("b", 5, version()), asks, task("h", None, version("v", 2)),
+        task("c", 20, version("w", 3), version("x", 4)),
+    )  # fmt: skip
+    problem, state = state_of(system)
+    state.start[:2], state.phase[:2] = ints([4, 14]), ints([4, 4])
+    found = driver._completed(problem, state, 1)
+    assert found.start.tolist() == [4, 14, 0, 5, 10, 15, 0, 0, 0]
+    assert found.phase.tolist() == [4, 4, 0, 0, 0, 0, 0, 0, 0]
+    assert found.option.tolist() == [*[0] * 2, *[1] * 4, *problem.arrays.task_option[2:5]]
+    assert found.register[BEST] == total_cost(problem.arrays, found) > 0
+    state.start[:2] = ints([-1, -1])
+    assert driver._completed(problem, state, 1).start.tolist()[:2] == [3, 13]
 
 
 def test_tables_are_built_once_however_often_a_search_goes_on(monkeypatch):

@@ -5,7 +5,7 @@ from fractions import Fraction
 import pytest
 
 from halpipe.pipeline.jobs import expand
-from halpipe.pipeline.solve.kernel.search import Outcome
+from halpipe.pipeline.solve.kernel.search import NOT_BEGUN, Outcome
 from halpipe.pipeline.solve.kernel.widen import FINEST, Wider, following, halves, margins, reserved, widened
 from halpipe.pipeline.solve.problem import build_problem
 from support import access, model, task, version
@@ -112,6 +112,14 @@ def test_later_rounds_have_their_own_moves_and_halve():
     assert rounds[1] == [each * EIGHTH for each in (3, Fraction(5, 2), Fraction(9, 4), Fraction(17, 8))]
     assert rounds[2][0] == Fraction(5, 8)
     assert found.margin == Fraction(1, 4)
+
+
+def test_a_search_that_cannot_begin_has_found_nothing_in_no_moves():
+    def begin(margin, _number, _stage):
+        return lambda budget, tell: Outcome(("jobs",), 0, 9, stopped=False) if margin <= EIGHTH else NOT_BEGUN
+
+    found = widened(begin, 2, (Fraction(0), Fraction(1)), 1000, lambda *_: True, None, (30,))
+    assert found == Wider(("jobs",), EIGHTH, 9, stopped=False)
 
 
 def test_a_stop_ends_all_with_what_was_found_before():
