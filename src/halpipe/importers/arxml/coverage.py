@@ -84,7 +84,7 @@ _REASONS = {
         OsPublishedInformation OsStack* OsSystemIntCtrl* OsSystemMpu OsModeEntryModule OsDSMCModule OsTimeConstant
         OsCounterTimeConstant OsInclude OsOsStack ALL AUTO Automatic FALSE Standard TRUE
         OsCoreXSignalChannel OsInterruptRouting OsMemoryProtection OsMicrokernel MkFunction MkMemoryProtection MkStack
-        OsIsrXSignalReceiver
+        OsDebug OsIsrXSignalReceiver OsPeripheralRegion
     """,
     "general settings of Rte and EcuC": """
         BswInitialization Ecuc* EcuCGeneral InitFunction Pdu* PostbuildLoadable RteBswExclusiveAreaImpl RteBswGeneral
