@@ -12,8 +12,7 @@ from enum import StrEnum
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Exit, Subject, about
-from halpipe.core.options import Form, option, positive_duration, time_limit_of
-from halpipe.core.quantities import whole
+from halpipe.core.options import Form, option, time_limit_of
 from halpipe.core.records import record
 from halpipe.models import Schedule
 from halpipe.models.modes import require_mode
@@ -24,7 +23,8 @@ from halpipe.pipeline.explain.witnesses import find_witnesses, proves_infeasible
 from halpipe.pipeline.jobs import expand, natural_tick
 from halpipe.pipeline.solve.codes import NOT_FOUND, STILL_BROKEN
 from halpipe.pipeline.solve.exact import Answer
-from halpipe.pipeline.solve.quantise import BurstGrid, restore, served_model, too_tight, with_ends
+from halpipe.pipeline.solve.quantise import restore, served_model, too_tight, with_ends
+from halpipe.pipeline.solve.schedule import PlacementOptions, SearchOptions
 from halpipe.pipeline.validate import validate
 from halpipe.pipeline.validate.context import place
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.core.durations import Duration
     from halpipe.models import Mode, TaskModel
-    from halpipe.pipeline.solve.schedule import Scheduled, SearchOptions
+    from halpipe.pipeline.solve.schedule import Scheduled
 
 BUDGET = 5_000
 """Moves per task of the search that is explained where no schedule is given, in modes of up to 400 jobs."""
@@ -53,7 +53,7 @@ class Verdict(StrEnum):
 
 
 @record(kw_only=True)
-class ExplainOptions:
+class ExplainOptions(PlacementOptions):
     """Options of an explanation; see `explain`."""
 
     schedule: Schedule | None = option(
@@ -66,44 +66,12 @@ class ExplainOptions:
     mode: str = option("", "Explain this mode only.", metavar="NAME", completes="modes", otherwise="all")
     exact: bool = option(True, "Look for a minimal conflict with the exact engine, if installed.", form=Form.SWITCH)
     remedies: bool = option(True, "Look for the smallest changes that help.", form=Form.SWITCH)
-    seed: int = option(1, "Same model, options and seed: same findings.", whole(0), metavar="N")
-    tick: Duration | None = option(
-        None,
-        "Grid of the start times, as with `schedule`.",
-        positive_duration,
-        metavar="TIME",
-        otherwise="the largest that loses nothing",
-    )
-    shipped: Schedule | None = option(
-        None,
-        "Schedule whose jobs stay where they are, as with `schedule`.",
-        name="freeze",
-        metavar="FILE",
-        is_path=True,
-        takes=(Schedule,),
-    )
-    near: Schedule | None = option(
-        None,
-        "Earlier schedule: which jobs cannot stay where it has them, and why, as with `schedule`.",
-        metavar="FILE",
-        is_path=True,
-        takes=(Schedule,),
-    )
-    grid: BurstGrid | None = option(
-        None,
-        "Regulator platform whose starts and bounds the schedule has to keep, as with `schedule`.",
-        name="quantise",
-        metavar="FILE",
-        is_path=True,
-    )
     time_limit: Duration | None = option(
         None, "Time after which no new search begins, such as 30s.", time_limit_of, metavar="TIME", otherwise="none"
     )
 
     def search(self) -> SearchOptions:
         """Return the options of the searches that are explained."""
-        from halpipe.pipeline.solve.schedule import SearchOptions
-
         search = SearchOptions(
             seed=self.seed, tick=self.tick, shipped=self.shipped, near=self.near, grid=self.grid, optimise=()
         )

@@ -58,7 +58,43 @@ It is called from several threads.
 
 
 @record(kw_only=True)
-class SearchOptions:
+class PlacementOptions:
+    """Options of every search that places jobs: on a `tick`, as in an earlier schedule, on the `grid` of regulators."""
+
+    seed: int = option(1, "Same model, options and seed: same bytes.", whole(0), metavar="N")
+    tick: Duration | None = option(
+        None,
+        "Grid of the start times.",
+        positive_duration,
+        metavar="TIME",
+        otherwise="the largest that loses nothing",
+    )
+    shipped: Schedule | None = option(
+        None,
+        "Schedule that has shipped: its jobs keep start, version and units.",
+        name="freeze",
+        metavar="FILE",
+        is_path=True,
+        takes=(Schedule,),
+    )
+    near: Schedule | None = option(
+        None,
+        "Earlier schedule: as many jobs as can keep start, version and units.",
+        metavar="FILE",
+        is_path=True,
+        takes=(Schedule,),
+    )
+    grid: BurstGrid | None = option(
+        None,
+        "Regulator platform: starts and bounds that it can serve exactly.",
+        name="quantise",
+        metavar="FILE",
+        is_path=True,
+    )
+
+
+@record(kw_only=True)
+class SearchOptions(PlacementOptions):
     """Options of the search: the outcome depends on the model and on these alone.
 
     - `budget` counts moves per task; without it there are `DEFAULT_BUDGET`, and `LEAST_MOVES` in all.
@@ -78,7 +114,6 @@ class SearchOptions:
     - `workers` are the threads for modes and groups of tasks; their number changes the time alone.
     """
 
-    seed: int = option(1, "Same model, options and seed: same bytes.", whole(0), metavar="N")
     budget: int | None = option(
         None,
         "Moves per task before the search gives up.",
@@ -93,13 +128,6 @@ class SearchOptions:
         metavar="TIME",
         otherwise="none",
         compare=False,
-    )
-    tick: Duration | None = option(
-        None,
-        "Grid of the start times.",
-        positive_duration,
-        metavar="TIME",
-        otherwise="the largest that loses nothing",
     )
     modes: tuple[str, ...] = option(
         (), "Schedule this mode only; repeatable.", name="mode", metavar="NAME", form=Form.LIST, completes="modes"
@@ -120,30 +148,8 @@ class SearchOptions:
     )
     spare: int = SPARE
     effort: float | None = DEFAULT_WORK
-    shipped: Schedule | None = option(
-        None,
-        "Schedule that has shipped: its jobs keep start, version and units.",
-        name="freeze",
-        metavar="FILE",
-        is_path=True,
-        takes=(Schedule,),
-    )
-    near: Schedule | None = option(
-        None,
-        "Earlier schedule: as many jobs as can keep start, version and units.",
-        metavar="FILE",
-        is_path=True,
-        takes=(Schedule,),
-    )
     like: Schedule | None = None
     settled: Schedule | None = None
-    grid: BurstGrid | None = option(
-        None,
-        "Regulator platform: starts and bounds that it can serve exactly.",
-        name="quantise",
-        metavar="FILE",
-        is_path=True,
-    )
     keeper: Checkpoint | None = field(default=None, compare=False)
     on_better: Callable[[str, str], None] = field(default=lambda mode, text: None, compare=False)
     workers: Workers = field(default_factory=Workers, compare=False)
