@@ -263,6 +263,7 @@ EQUIVALENT = {
     ("problem.py", "task_chain_first, task_chain = _table(touching, 2)"): "its values are read one after the other",
     ("search.py", "return Outcome(better.best.jobs, 1, better.moves, stopped=False, unimproved=better.stopped)"): "read by none that improves a valid schedule",
     ("search.py", "return Outcome(better.best.jobs, 0, better.moves, stopped=True, unimproved=better.stopped)"): "read by none that improves a valid schedule",
+    ("exact_goals.py", "least[chain] = max(least[chain], alone.bound / chain.weight if chain.weight else Fraction(1))"): "it is multiplied by a weight of zero wherever it counts",
     ("slices.py", "SLICE_WORK = 20001"): "the outcome is the same for any size of slices",
     ("limits.py", "stated = max([1, *arrays.row.column(1), *arrays.chain_limit.flat, *arrays.chain_latency])"): "far below the limit as well",
     ("optimise.py", "if found.values <= worth.values and judge.keeps(first, found):"): "what the exact engine returns has shorter chains",
