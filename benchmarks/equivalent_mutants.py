@@ -264,6 +264,7 @@ EQUIVALENT = {
     ("search.py", "return Outcome(better.best.jobs, 1, better.moves, stopped=False, unimproved=better.stopped)"): "read by none that improves a valid schedule",
     ("search.py", "return Outcome(better.best.jobs, 0, better.moves, stopped=True, unimproved=better.stopped)"): "read by none that improves a valid schedule",
     ("exact_goals.py", "least[chain] = max(least[chain], alone.bound / chain.weight if chain.weight else Fraction(1))"): "it is multiplied by a weight of zero wherever it counts",
+    ("trials.py", "self._room.update(((name, 3 * self._room[name]) for name in lacking))"): "room beyond what is needed changes nothing",
     ("slices.py", "SLICE_WORK = 20001"): "the outcome is the same for any size of slices",
     ("limits.py", "stated = max([1, *arrays.row.column(1), *arrays.chain_limit.flat, *arrays.chain_latency])"): "far below the limit as well",
     ("optimise.py", "if found.values <= worth.values and judge.keeps(first, found):"): "what the exact engine returns has shorter chains",

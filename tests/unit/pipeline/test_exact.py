@@ -488,6 +488,9 @@ def test_latencies_count_between_the_instants_that_a_chain_states(anchor, to, ag
         for tasks in ("a b c", "a c"):
             counted = replace(chain("c", tasks, *limits), anchor=anchor, to=to)
             assert holds(model(full, first, *others, units="u1 u2", chains=[counted])) is is_possible, limits
+    for latency, is_possible in ((age, True), (f"{age - 1}.9ms", False)):
+        counted = replace(chain("c", "a b c"), anchor=anchor, to=to, max_latency=ms(latency))
+        assert holds(model(full, first, *others, units="u1 u2", chains=[counted])) is is_possible, latency
 
 
 @pytest.mark.parametrize(("age", "expected"), [(3, True), ("2.9ms", False)])
@@ -543,3 +546,23 @@ def test_data_of_a_task_of_several_versions_is_written_at_the_end_of_the_one_tak
     either = task("a", 20, version("v", 2, "u1"), version("w", 4, "u2"), offset=0)
     others = task("full", 20, version("v", 20)), task("b", 20, version("v", 1, "u3"), offset=3)
     assert holds(model(either, *others, units="u1 u2 u3", chains=[chain("c", "a b", age=age)])) is expected
+
+
+@pytest.mark.parametrize(
+    ("anchor", "to", "least"),
+    [(None, None, 2), (Anchor.START, Anchor.END, 2), (Anchor.END, None, 0), (None, Anchor.START, 0)],
+)
+def test_the_latency_of_a_chain_of_one_task_is_that_between_its_own_instants(anchor, to, least):
+    counted = replace(chain("c", "a"), anchor=anchor, to=to)
+    system = model(task("a", 20, version("v", 2)), chains=[replace(counted, max_latency=ms(max(1, least)))])
+    assert holds(system)
+    if least:
+        assert not holds(replace(system, chains=(replace(counted, max_latency=ms("1.9ms")),)))
+
+
+@pytest.mark.parametrize(("slack", "expected"), [("2/5", True), ("3/10", False)])
+def test_jobs_of_one_cycle_are_compared_where_they_really_start(slack, expected):
+    """The second job of a waits until 23 ms, which is 3 ms of the next cycle, and that of c has to come 1 ms later."""
+    full, first = task("full", 20, version("v", 5), offset=18), task("a", 10, version(), offset=8, slack="1/2")
+    follows = task("c", 10, version("v", 1, "u2", replace(after("a", 0, 1), match=Match.CYCLE)), offset=9, slack=slack)
+    assert holds(model(full, first, follows, units="u1 u2")) is expected
