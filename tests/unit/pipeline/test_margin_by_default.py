@@ -343,11 +343,13 @@ def test_tries_for_the_margin_of_preemptive_jobs_have_their_efforts(monkeypatch,
 
     monkeypatch.setattr(one_mode._Search, "widened", note)
     monkeypatch.setattr(one_mode._SplitJobs, "_any_margin", note)
-    monkeypatch.setattr(one_mode._WholeJobs, "raised", lambda *_, **__: NO_WIDER)
+    whole = []
+    monkeypatch.setattr(one_mode._WholeJobs, "raised", lambda *_, is_fine: whole.append(is_fine) or NO_WIDER)
     monkeypatch.setattr(one_mode, "least_margin", lambda _: Fraction(0))
     monkeypatch.setattr(one_mode, "largest_margin", lambda *_: Fraction(1))
     assert found(owner, budget=300, spare=spare).schedule.modes[0].status is Status.VALID
     plain, finer, any_of_them = asked
+    assert whole == [True]  # in one piece, on the finer tick as well
     assert (plain[3:], finer[3:], any_of_them[0]) == ((1, efforts[0]), (5, efforts[1], "finer"), efforts[2])
 
 
