@@ -236,7 +236,7 @@ def _schedule_on_grid(model: TaskModel, options: SearchOptions, grid: BurstGrid,
 
     served = served_model(model, grid, options.tick)
     try:
-        scheduled = schedule_model(served, replace(options, grid=None, tick=options.start_tick), on_progress)
+        scheduled = schedule_model(served, replace(options.on_grid(), grid=None), on_progress)
     except HalpipeError as failure:
         if failure.exit is not Exit.INFEASIBLE:
             raise

@@ -17,6 +17,7 @@ from halpipe.flow.plan import read_plan
 from halpipe.models import Anchor, HealthAction, HealthEvent, HealthRule, Job, Transition
 from halpipe.pipeline.checked import schedule_model, verify_schedule
 from halpipe.pipeline.explain.explanation import ExplainOptions
+from halpipe.pipeline.measure.objectives import Objective
 from halpipe.pipeline.solve import codes
 from halpipe.pipeline.solve.quantise import BurstGrid, describe, quantise, restore, with_ends
 from halpipe.pipeline.solve.schedule import SearchOptions
@@ -335,6 +336,26 @@ def test_a_task_that_has_shipped_beside_the_grid_is_placed_anew(tmp_path, start,
     assert (again.start == ms(start)) is stays
     assert not again.start % ms(1)
     assert ExplainOptions(grid=options.grid, shipped=shipped).search().tick == (None if stays else ms(1))
+
+
+@pytest.mark.parametrize("optimise", [None, (Objective.MARGIN,)])
+@pytest.mark.parametrize(("slack", "let"), [("1", None), ("1/2", "11.5ms"), ("9/16", None)])
+@pytest.mark.parametrize("engine", ["anneal", "exact"])
+def test_no_search_for_a_margin_leaves_the_grid(tmp_path, optimise, slack, let, engine):
+    """Of the 12 ms there is 1 ms left, and windows last 1 ms: a margin for all jobs lies between them."""
+    tasks = [
+        replace(task(name, 12, version("v", wcet, "u1"), slack=slack), let=ms(let))
+        for name, wcet in (("a", 3), ("b", 3), ("c", 5))
+    ]
+    system = model(*tasks, units="u1", resources="mem")
+    budget = 20 if engine == "anneal" else None
+    options = SearchOptions(grid=burst_grid(platform(tmp_path)), optimise=optimise, engine=engine, budget=budget)
+    if let and engine == "exact":
+        with pytest.raises(HalpipeError):
+            schedule_model(system, options, lambda *_: True)
+        return
+    found = schedule_model(system, options, lambda *_: True).schedule
+    assert not any(job.start % ms(1) for job in found.modes[0].jobs)
 
 
 def test_loads_and_costs_are_those_of_the_model(tmp_path):

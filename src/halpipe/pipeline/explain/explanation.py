@@ -72,10 +72,9 @@ class ExplainOptions(PlacementOptions):
 
     def search(self) -> SearchOptions:
         """Return the options of the searches that are explained."""
-        search = SearchOptions(
+        return SearchOptions(
             seed=self.seed, tick=self.tick, shipped=self.shipped, near=self.near, grid=self.grid, optimise=()
-        )
-        return replace(search, tick=search.start_tick)
+        ).on_grid()
 
 
 EXITS = {

@@ -148,6 +148,15 @@ class _Search:
         return self.options.seed + self.number * 0x5DEECE66D + self.options.attempt * 0x2545F4914F
 
     @cached_property
+    def start_tick(self) -> Duration | None:
+        """The tick that is asked for, or the window of a grid on which some time of the mode does not lie."""
+        from halpipe.pipeline.solve.exactmodel import exact_tick
+
+        window = self.options.window
+        is_off = window is not None and exact_tick(self.expansion) % window
+        return self.options.tick or (window if is_off else None)
+
+    @cached_property
     def pinned(self) -> dict[str, Pins]:
         """The units that tasks bound in the whole system may use, where other modes narrow them and some are left."""
         found = [(active, self.earlier.pins.get(active.name, {})) for active in self.expansion.tasks]
@@ -220,7 +229,7 @@ class _Search:
 
         assert self.polish is not None
         starts = (job.start for job in jobs)
-        tick = self.options.tick or greatest_common_divisor([natural_tick(self.expansion), *starts])
+        tick = self.start_tick or greatest_common_divisor([natural_tick(self.expansion), *starts])
         try:
             problem = stated_problem(self.model, self.expansion, tick, every_chain=True, pinned=self.pinned)
         except HalpipeError as failure:
@@ -330,7 +339,7 @@ class _Exact(_Search):
             seed=self.seed,
             go_on=lambda: self.on_progress(self.name, 0, 1, CONSTRUCTING),
         )
-        jobs = solve_alone(self.model, self.expansion, self.options.tick, effort)
+        jobs = solve_alone(self.model, self.expansion, self.start_tick, effort)
         return self.bettered(jobs, [], EXACT)
 
 
@@ -476,8 +485,8 @@ class _WholeJobs(_Search):
     @cached_property
     def tick(self) -> Duration | None:
         """A tick that was asked for, or one on which the shipped jobs lie; None for the natural one."""
-        if self.options.tick or not self.shipped:
-            return self.options.tick
+        if self.start_tick or not self.shipped:
+            return self.start_tick
         return greatest_common_divisor([natural_tick(self.expansion), *(job.start for job in self.shipped.values())])
 
     @cached_property
@@ -566,11 +575,13 @@ class _WholeJobs(_Search):
         from halpipe.pipeline.solve.kernel.search import Search
         from halpipe.pipeline.solve.kernel.widen import NO_WIDER, reserved
 
-        tick, expansion = self.tick, self.expansion
+        tick, expansion, is_free = self.tick, self.expansion, self.options.window is None
+        if is_fine and not is_free:
+            return NO_WIDER
         if self.polish is None:
             expansion = _with_versions_of(jobs, self.expansion)
             tick = tick or (finer(natural_tick(expansion)) if is_fine else None)
-        elif tick is None:  # then starts may lie between the ticks, so that the bound is met
+        elif tick is None and is_free:  # then starts may lie between the ticks, so that the bound is met
             tick = natural_tick(expansion) / min(MOST_PARTS, self.most_margin.denominator)
 
         @cache  # of a large system, stating the problem takes longer than the search for one margin

@@ -233,7 +233,8 @@ class _Rounding:
 
     def task(self, task: Task) -> Task:
         versions = tuple(self._version(task, version) for version in task.versions)
-        return replace(task, versions=versions, deadline=self._deadline(task))
+        slack = self.grid.down(task.period * task.slack) / task.period if task.period else task.slack
+        return replace(task, versions=versions, deadline=self._deadline(task), slack=slack)
 
     def _deadline(self, task: Task) -> Duration | None:
         if task.deadline is None:

@@ -96,7 +96,9 @@ def solve_alone(model: TaskModel, expansion: Expansion, tick: Duration | None, e
         help = "use --engine anneal"
         raise HalpipeError(*(EXACT_ELEMENT(f"does not know: {t}", at=at, path=path, help=help) for t, at in unknown))
     if tick is not None:
-        raise HalpipeError(EXACT_TICK("cannot compute with a tick of its own", path=path, help="omit --tick"))
+        raise HalpipeError(
+            EXACT_TICK("cannot compute with a tick of its own", path=path, help="omit --tick, or use --engine anneal")
+        )
     result = solve_exact(model, mode, effort)
     if result.status is Answer.FEASIBLE:
         return result.jobs

@@ -105,7 +105,8 @@ class SearchOptions(PlacementOptions):
     - The jobs of a `shipped` schedule stay where they are; of one that is `near`, as many as can. One that it should be
       `like` is tried first.
     - Tables of modes and switches that are `settled` stay as they are: nothing that they depend on has changed.
-    - On a `grid`, starts and bounds are those that bandwidth regulators can serve exactly; the stages see to it.
+    - On a `grid`, starts and bounds are those that bandwidth regulators can serve exactly; the stages see to it: of the
+      model on the grid, all starts are multiples of the `window`.
     - Objectives to `optimise` come one before the other, none worse than at first. A cost F of at most `target` is the
       end of it. Without any, the first schedule stays; where None are stated, its margin is raised with little effort,
       for which each mode may `spare` so many placements of jobs.
@@ -150,6 +151,7 @@ class SearchOptions(PlacementOptions):
     effort: float | None = DEFAULT_WORK
     like: Schedule | None = None
     settled: Schedule | None = None
+    window: Duration | None = None
     keeper: Checkpoint | None = field(default=None, compare=False)
     on_better: Callable[[str, str], None] = field(default=lambda mode, text: None, compare=False)
     workers: Workers = field(default_factory=Workers, compare=False)
@@ -164,14 +166,14 @@ class SearchOptions(PlacementOptions):
         """Whether no budget is stated, so that whatever helps may be tried."""
         return self.budget in (None, UNBOUNDED)
 
-    @property
-    def start_tick(self) -> Duration | None:
-        """The tick of the starts that is asked for: of a grid the window, where earlier jobs start beside it."""
-        if self.tick is not None or self.grid is None:
-            return self.tick
+    def on_grid(self) -> SearchOptions:
+        """Return the same with the window of the grid; it is the tick where earlier jobs start beside it."""
+        if self.grid is None:
+            return self
         tables = (mode for schedule in (self.shipped, self.near) if schedule is not None for mode in schedule.modes)
         is_beside = any(job.start % self.grid.window for mode in tables for job in mode.jobs)
-        return self.grid.window if is_beside else None
+        tick = self.tick or (self.grid.window if is_beside else None)
+        return replace(self, tick=tick, window=self.grid.window)
 
     def by_the_clock(self) -> SearchOptions:
         """Return the same for a search that a clock ends: nothing else does, unless a budget is stated."""
