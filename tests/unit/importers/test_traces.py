@@ -636,7 +636,7 @@ def test_a_counter_that_wraps_is_reported():
 def test_a_text_in_another_encoding_has_advice_that_helps():
     with pytest.raises(HalpipeError) as refused:
         parse_traces("task,start,end\nM\xfcll,1,2\n".encode("latin-1"), "t")
-    assert refused.value.diagnostics[0].help == "save it as UTF-8"
+    assert refused.value.diagnostics[0].help == "unpack it, or save it as UTF-8"
 
 
 def test_a_folder_without_a_trace_is_told_from_a_file(tmp_path):

@@ -153,8 +153,8 @@ def _pieces(stream: BinaryIO, file: str, encoding: str) -> Iterator[str]:
             piece = decoder.decode(data, final=not data)
         except UnicodeDecodeError as failure:
             line = number + failure.object[: failure.start].decode(encoding, "ignore").count("\n") + 1
-            message = f"line {line} is no text in UTF-8"
-            raise HalpipeError(codes.UNKNOWN_TRACE(message, at=Location(file, line), help="save it as UTF-8")) from None
+            message, help = f"line {line} is no text in UTF-8", "unpack it, or save it as UTF-8"
+            raise HalpipeError(codes.UNKNOWN_TRACE(message, at=Location(file, line), help=help)) from None
         number += piece.count("\n")
         if piece:
             yield piece
