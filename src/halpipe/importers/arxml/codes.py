@@ -580,3 +580,9 @@ BLUEPRINT = warning(
     "Blueprints are no components",
     "A package of the category BLUEPRINT has patterns, from which a tool derives elements. Nothing in it runs.",
 )
+SEVERAL_BEHAVIORS = warning(
+    "HAL1552",
+    "Component type has several internal behaviours",
+    "One of them runs in an ECU. Each makes tasks, unless an Rte configuration maps the events of one: the same work "
+    "may be counted twice.",
+)

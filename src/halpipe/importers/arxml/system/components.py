@@ -58,7 +58,11 @@ def read_components(tree: Tree) -> tuple[Component, ...]:
         message = f"{len(patterns)} component types and modules are left out: {listed([n.path for n in patterns])}"
         help = "move them out of the package of the category BLUEPRINT, if they are to run"
         tree.findings.report(codes.BLUEPRINT, message, at=patterns[0].at, help=help)
-    components = (_component(tree, node, detached.get(node.path, ())) for node in nodes if node not in patterns)
+    components = [_component(tree, node, detached.get(node.path, ())) for node in nodes if node not in patterns]
+    for component in components:
+        if not component.is_module and len(component.behaviors) > 1 and any(e.is_timing for e in component.events):
+            message = f"has several internal behaviours: {listed([b.path for b in component.behaviors])}"
+            component.place.report(tree.findings, codes.SEVERAL_BEHAVIORS, message, help="import the one that runs")
     return tuple(component for component in components if component.behaviors)
 
 
