@@ -575,7 +575,8 @@ def jobs_of_a_search_whose_end_is_open(count):
 def parts_of_a_tick_for_margins(count):
     """The bound of a margin in so many parts is met; of more, the grid has no more than the limit."""
     bound, ticks = Fraction(1, count), []
-    mode = MagicMock(tick=None, spare=1, expansion=fake(tasks=[1], job_count=1), most_margin=bound)
+    stated = {"tick": None, "options": fake(window=None), "expansion": fake(tasks=[1], job_count=1)}
+    mode = MagicMock(**stated, spare=1, most_margin=bound)
     mode._stated.side_effect = lambda tick, *_, **__: ticks.append(tick) or fake(arrays=None)
     mode.widened = lambda begin, *_: begin(Fraction(1), 0, None)
     search = patched("pipeline.solve.kernel.search", Search=MagicMock())

@@ -150,11 +150,12 @@ class _Search:
     @cached_property
     def start_tick(self) -> Duration | None:
         """The tick that is asked for, or the window of a grid on which some time of the mode does not lie."""
+        tick, window = self.options.tick, self.options.window
+        if tick is not None or window is None:
+            return tick
         from halpipe.pipeline.solve.exactmodel import exact_tick
 
-        window = self.options.window
-        is_off = window is not None and exact_tick(self.expansion) % window
-        return self.options.tick or (window if is_off else None)
+        return window if exact_tick(self.expansion) % window else None
 
     @cached_property
     def pinned(self) -> dict[str, Pins]:
