@@ -2,6 +2,7 @@
 
 import io
 import zipfile
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -10,6 +11,9 @@ from halpipe.core.diagnostics import HalpipeError
 from halpipe.pipeline.solve import checkpoint
 from halpipe.pipeline.solve.checkpoint import NO_CHECKPOINT, SAVED, SECONDS, Checkpoint
 from halpipe.pipeline.solve.integers import ints
+from halpipe.pipeline.solve.one_mode import Found
+from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
+from support import job, mode, model, schedule, task, version
 
 
 class Clock:
@@ -148,3 +152,20 @@ def test_a_file_of_which_any_member_is_compressed_is_no_checkpoint(compressed):
             checkpoint._unpacked(stream.getvalue())
     else:
         assert checkpoint._unpacked(stream.getvalue()) == ("identity", {"0/start": ints([0])})
+
+
+def test_a_mode_that_starts_from_an_improvement_cut_short_is_not_kept(monkeypatch):
+    """A resumed search ends the improvement first; what followed from its half was another search."""
+    a, b, c = (task(name, "10ms", version("v", "1ms", "u1")) for name in "abc")
+    modes = [mode("cut", [a]), mode("after", [a, b]), mode("later", [b]), mode("beside", [c])]
+    system = model(a, b, c, units="u1", modes=modes).read_from("0" * 64)
+    kept = {}
+
+    def search(_model, expansion, options, *_):
+        kept[expansion.mode.name] = options.keeper is not None
+        found = schedule(system, 10, *(job(system, each.name, 0, 0, "u1") for each in expansion.tasks))
+        return Found(replace(found.modes[0], name=expansion.mode.name), [], unimproved=expansion.mode.name == "cut")
+
+    monkeypatch.setattr("halpipe.pipeline.solve.schedule.schedule_mode", search)
+    schedule_model(system, SearchOptions(keeper=object()), lambda *_: True)
+    assert kept == {"cut": True, "after": False, "later": False, "beside": True}

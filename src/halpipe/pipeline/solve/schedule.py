@@ -255,18 +255,28 @@ class _Modes:
         settled = {} if self.options.settled is None else {table.name: table for table in self.options.settled.modes}
         names = [expansion.mode.name for expansion in self.expansions]
         found = {number: Found(settled[name], []) for number, name in enumerate(names) if name in settled}
-        waiting = [number for number in range(len(names)) if number not in found]
+        waiting, cut = [number for number in range(len(names)) if number not in found], set[int]()
         while waiting and not any(each.stopped for each in found.values()):
             starts = {number: start for number in waiting if (start := self._start(number, found)) is not None}
-            ready = list(starts.items()) if self.options.engine != EXACT else list(starts.items())[:1]
+            cut |= {number for number, each in found.items() if each.unimproved}
+            cut |= {number for number in starts if any(self._follows(number, other) for other in cut)}
+            ready = [(number, start, number in cut) for number, start in starts.items()]
+            ready = ready if self.options.engine != EXACT else ready[:1]
             results = self.options.workers.each(self._search_one, ready, lambda each: each.stopped)
             found.update(zip(starts, results, strict=False))
             waiting = [number for number in waiting if number not in found]
         return found
 
-    def _search_one(self, ready: tuple[int, Earlier]) -> Found:
-        number, earlier = ready
+    def _follows(self, number: int, other: int) -> bool:
+        """Whether a mode starts from where an earlier one has their common tasks."""
+        names = self.expansions[other].by_name.keys()
+        return other < number and not names.isdisjoint(self.expansions[number].by_name)
+
+    def _search_one(self, ready: tuple[int, Earlier, bool]) -> Found:
+        number, earlier, follows_cut = ready
         options = replace(self.options, spare=self.options.spare // len(self.expansions))
+        if follows_cut:  # a resumed search ends the improvement that was cut short, and starts this mode from there
+            options = replace(options, keeper=None)
         return schedule_mode(self.model, self.expansions[number], options, number, self.on_progress, earlier)
 
     def _alike(self, expansion: Expansion) -> Earlier:
