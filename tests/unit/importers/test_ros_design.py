@@ -205,6 +205,13 @@ def test_wildcards_stand_for_instances_too(tmp_path, wild):
     assert not found(imported.diagnostics, codes.LOOSE_CONNECTION)
 
 
+def test_many_wildcards_are_tried_in_one_way_only(tmp_path):
+    """A pattern of 40 wildcards and a name of 200 letters that it does not fit: all ways would take for ever."""
+    system = PAIR.replace("a.publisher.out", "a.publisher." + "*a" * 40 + "b")
+    talker = TALKER.replace("out", "a" * 200)
+    assert found(read(pair(tmp_path, system, talker)).diagnostics, codes.LOOSE_CONNECTION)
+
+
 def test_pairs_may_be_in_any_order_or_mappings(tmp_path):
     system = PAIR.replace("[a.publisher.out, b.subscriber.in]", "{to: b.subscriber.in, from: a.publisher.out}")
     assert predecessors(read(pair(tmp_path, system)))["/b"] == ["/a"]

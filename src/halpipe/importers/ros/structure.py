@@ -424,7 +424,9 @@ def _matching(pattern: str, names: Collection[str]) -> Iterator[tuple[str, _Wild
     wild = _WILD.findall(pattern)
     if not wild:
         names = (pattern,) if pattern in names else ()
-    expression = re.compile("(.*?)".join(re.escape(part) for part in _WILD.split(pattern)))
+    first, *rest = map(re.escape, _WILD.split(pattern))
+    inner = "".join(f"(?>(.*?){part})" for part in rest[:-1])  # atomic: many wildcards are tried in one way only
+    expression = re.compile(first + inner + "".join(f"(.*){part}" for part in rest[-1:]))
     for name in names:
         if found := expression.fullmatch(name):
             yield name, tuple(zip(wild, found.groups(), strict=True))
