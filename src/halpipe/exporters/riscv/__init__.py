@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from halpipe.core.diagnostics import Diagnostic
-    from halpipe.models import Schedule, TaskModel
+    from halpipe.models import HealthRule, Schedule, TaskModel
 
 DEFAULT_PROFILE = "vcu118"
 
@@ -109,7 +109,7 @@ class RiscvExporter(Exporter):
 
         chosen = select(model, schedule, options.mode, self.name)
         if options.mode:  # the bundle is a system of its own, that knows no other mode
-            rules = tuple(rule for rule in model.health if rule.mode in ("", options.mode))
+            rules = tuple(rule for rule in model.health if rule not in _left_out(model, options.mode))
             model = replace(model, modes=(model.mode(options.mode),), transitions=(), health=rules)
         return build(model, chosen, specific(RiscvOptions, options))
 
@@ -124,10 +124,9 @@ class RiscvExporter(Exporter):
         from halpipe.exporters.riscv.phases import written_alone
 
         found = list(written_alone((version_of(t.name, v.name), v) for t in model.tasks for v in t.versions))
-        for rule in model.health if options.mode else ():
-            if rule.mode not in ("", options.mode):
-                message, path = f'its rule after {rule.event} switches to "{rule.mode}"', about(task=rule.task)
-                found.append(RULE_LEFT_OUT(message, at=rule.at, path=path, help="export without --mode"))
+        for rule in _left_out(model, options.mode):
+            message, path = f'its rule after {rule.event} switches to "{rule.mode}"', about(task=rule.task)
+            found.append(RULE_LEFT_OUT(message, at=rule.at, path=path, help="export without --mode"))
         report = contents.get(f"{FOLDER}report.json")
         if report is None:
             return found
@@ -136,6 +135,11 @@ class RiscvExporter(Exporter):
             at = Location(specific(RiscvOptions, options).regulator)
             found.append(REGULATORS_LEFT_ALONE("states no registers for the runtime", at=at, help=help))
         return found + findings_of(report)
+
+
+def _left_out(model: TaskModel, mode: str) -> list[HealthRule]:
+    """Return the health rules that switch to another mode than the one that is exported, if it is one."""
+    return [rule for rule in model.health if mode and rule.mode not in ("", mode)]
 
 
 FORMAT = RiscvExporter()

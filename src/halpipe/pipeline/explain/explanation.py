@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import Exit, Subject, about
 from halpipe.core.options import Form, option, time_limit_of
 from halpipe.core.records import record
-from halpipe.models import Schedule
 from halpipe.models.modes import require_mode
 from halpipe.pipeline.explain import codes
 from halpipe.pipeline.explain.conflict import describe, find_conflict
@@ -24,7 +23,7 @@ from halpipe.pipeline.jobs import expand, natural_tick
 from halpipe.pipeline.solve.codes import NOT_FOUND, STILL_BROKEN
 from halpipe.pipeline.solve.exact import Answer
 from halpipe.pipeline.solve.quantise import restore, served_model, too_tight, with_ends
-from halpipe.pipeline.solve.schedule import PlacementOptions, SearchOptions
+from halpipe.pipeline.solve.schedule import PlacementOptions, SearchOptions, schedule_option
 from halpipe.pipeline.validate import validate
 from halpipe.pipeline.validate.context import place
 
@@ -33,7 +32,7 @@ if TYPE_CHECKING:
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.core.durations import Duration
-    from halpipe.models import Mode, TaskModel
+    from halpipe.models import Mode, Schedule, TaskModel
     from halpipe.pipeline.solve.schedule import Scheduled
 
 BUDGET = 5_000
@@ -56,13 +55,7 @@ class Verdict(StrEnum):
 class ExplainOptions(PlacementOptions):
     """Options of an explanation; see `explain`."""
 
-    schedule: Schedule | None = option(
-        None,
-        "Best placement of a failed search, to explain instead of a new one.",
-        metavar="FILE",
-        is_path=True,
-        takes=(Schedule,),
-    )
+    schedule: Schedule | None = schedule_option("Best placement of a failed search, to explain instead of a new one.")
     mode: str = option("", "Explain this mode only.", metavar="NAME", completes="modes", otherwise="all")
     exact: bool = option(True, "Look for a minimal conflict with the exact engine, if installed.", form=Form.SWITCH)
     remedies: bool = option(True, "Look for the smallest changes that help.", form=Form.SWITCH)

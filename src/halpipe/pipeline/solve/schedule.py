@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from halpipe import __version__
 from halpipe.core.durations import greatest_common_divisor
@@ -57,6 +57,11 @@ It is called from several threads.
 """
 
 
+def schedule_option(help: str, name: str = "") -> Any:
+    """Return a field for a schedule, which users name by its file."""
+    return option(None, help, name=name, metavar="FILE", is_path=True, takes=(Schedule,))
+
+
 @record(kw_only=True)
 class PlacementOptions:
     """Options of every search that places jobs: on a `tick`, as in an earlier schedule, on the `grid` of regulators."""
@@ -69,21 +74,10 @@ class PlacementOptions:
         metavar="TIME",
         otherwise="the largest that loses nothing",
     )
-    shipped: Schedule | None = option(
-        None,
-        "Schedule that has shipped: its jobs keep start, version and units.",
-        name="freeze",
-        metavar="FILE",
-        is_path=True,
-        takes=(Schedule,),
+    shipped: Schedule | None = schedule_option(
+        "Schedule that has shipped: its jobs keep start, version and units.", name="freeze"
     )
-    near: Schedule | None = option(
-        None,
-        "Earlier schedule: as many jobs as can keep start, version and units.",
-        metavar="FILE",
-        is_path=True,
-        takes=(Schedule,),
-    )
+    near: Schedule | None = schedule_option("Earlier schedule: as many jobs as can keep start, version and units.")
     grid: BurstGrid | None = option(
         None,
         "Regulator platform: starts and bounds that it can serve exactly.",
